@@ -1,5 +1,8 @@
 """Faulty plugins fail the check, right plugins pass, and the command says what is wrong with its input."""
 
+from functools import partial
+
+import drjit as dr
 import mitsuba as mi
 import mutants
 import pytest
@@ -10,9 +13,23 @@ from prosim_start.group import prosim
 QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("texture", "mean"), ("phase", "weight")]
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
-    "checkerboard hg rayleigh isotropic prosim_lambertian prosim_phong prosim_conductor prosim_dielectric "
-    "prosim_composite prosim_area prosim_point prosim_stripes srgb"
+    "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified thinlens gaussian hdrfilm homogeneous "
+    "prosim_lambertian prosim_composite prosim_area prosim_point prosim_denoised srgb"
 )
+LITERAL, SPOT = {"normalized": False}, {"distribution": "spot", "exponent": 6.0, "angle": 60.0}
+#: Parameters of plugins of this package.
+OURS = {
+    "prosim_conductor": [{}, {"alpha": 0.3}, {"exponent": 3.0}, {"alpha": 0.3, "distribution": "gaussian"}],
+    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0}, {"int_cauchy": "1.2, 0.08", "alpha": 0.25}],
+    "prosim_composite": [{"alpha": 0.4}, {"exponent": 20.0}, {"alpha": 1.0, "distribution": "gaussian"}],
+    "prosim_phong": [{"exponent": 0.0}, {"exponent": 20.0}, {"exponent": 5.0, **LITERAL}],
+    "prosim_area": [SPOT, {"distribution": "cone", "angle": 25.0}],
+    "prosim_point": [SPOT, {"distribution": "cone", "angle": 25.0}],
+    "prosim_stripes": [{"smoothing": 0.1}],
+    "prosim_brick": [{"smoothing": 0.1}],
+    "prosim_fractal": [{"smoothing": 0.1, "octaves": 3}],
+}
+OURS = [{"type": name, **parameters} for name, sets in OURS.items() for parameters in sets]
 #: Colours of both lobes: polarised variants once had those of one wavelength.
 COLOURS = {
     "diffuse_reflectance": {"type": "rgb", "value": [0.15, 0.062, 0.379]},
@@ -43,7 +60,7 @@ def test_check_accepts_unchanged_wrapper(kind, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plugin", STOCK.split())
+@pytest.mark.parametrize("plugin", STOCK.split() + OURS, ids=str)
 def test_check_accepts_plugin(plugin):
     check.check(plugin).raise_if_wrong()
 
@@ -54,6 +71,38 @@ def test_check_accepts_plugin(plugin):
 )
 def test_coloured_lobes_keep_their_colours_in_all_variants(plugin):
     check.check(plugin | COLOURS).raise_if_wrong()
+
+
+def tilted(ps):
+    ps.n = dr.normalize(ps.n + mi.Normal3f(0.3, 0.2, 0.1))
+    return ps
+
+
+def lifted(ps):
+    ps.p += ps.n * 0.02
+    return ps
+
+
+@pytest.mark.parametrize(
+    "method, fault",
+    [
+        ("surface_area", lambda area, *_: area() * 1.1),
+        ("pdf_position", lambda pdf, ps: pdf(ps) * 1.1),
+        ("pdf_direction", lambda pdf, *at: pdf(*at) * 1.1),
+        ("sample_position", lambda sample, time, u: sample(time, mi.Point2f(u.x * u.x, u.y))),
+        ("sample_position", lambda sample, *u: tilted(sample(*u))),
+        ("sample_position", lambda sample, *u: lifted(sample(*u))),
+    ],
+)
+def test_check_finds_fault_of_shape(monkeypatch, method, fault):
+    right = getattr(mi.Shape, method)
+    monkeypatch.setattr(mi.Shape, method, lambda shape, *args: fault(partial(right, shape), *args))
+    assert not check.shape("cylinder").ok
+
+
+@pytest.mark.parametrize("plugin", ["aov", "prosim_features"])
+def test_check_of_image_without_light_tests_no_light(plugin):
+    assert [result.verdict for result in check.integrator(plugin).results] == ["not tested"]
 
 
 @pytest.mark.parametrize(

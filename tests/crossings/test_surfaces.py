@@ -143,11 +143,6 @@ def test_surface_looks_as_by_path(variant_rgb, wrapper, lamp):
     # The tree finds the light of hair by light sampling alone, and takes the rays through a blended filter at random.
     noisy = np.isin([*cards], ["hair", "circular"] if wrapper == "blendbsdf" else ["hair"])[:, None]
     found["tree"] = tuple(np.where(noisy, a, b) for a, b in zip(expected, found["tree"]))
-    inner = statistics(wrapped, lamp, {"type": "path"}) if wrapper == "blendbsdf" else expected
-    if "hair" in cards:  # the tree finds its light by light sampling alone, which is noisy
-        found["tree"] = tuple(
-            np.where(np.array([*cards])[:, None] == "hair", a, b) for a, b in zip(expected, found["tree"])
-        )
     wrong = {way: failures(cards, inner if way == "adaptive" else expected, found[way]) for way in OURS}
     assert not any(wrong.values()), wrong
 

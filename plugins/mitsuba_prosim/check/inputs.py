@@ -12,8 +12,7 @@ import numpy as np
 
 def uniform(n: int, dimensions: int, seed: int = 1) -> np.ndarray:
     """Returns uniform numbers in [0, 1), shape (dimensions, n), in single precision."""
-    numbers = np.random.default_rng(seed).random((dimensions, n), dtype=np.float32)
-    return np.minimum(numbers, np.float32(1 - 2**-24))
+    return np.random.default_rng(seed).random((dimensions, n), dtype=np.float32)
 
 
 def directions(n: int, seed: int) -> np.ndarray:
@@ -32,6 +31,12 @@ def rows(value: Any, n: int | None = None) -> np.ndarray:
     array = np.array(value, dtype=float)
     array = array.reshape(-1, 1) if dr.is_array_v(value) and not dr.is_jit_v(value) else np.atleast_2d(array)
     return array if n is None else np.broadcast_to(array, (array.shape[0], n))
+
+
+def to_drjit(values: np.ndarray) -> Any:
+    """Returns one, two or three rows of numbers, or numbers of scalar variants, as Mitsuba's type."""
+    kind = {1: mi.Float, 2: mi.Point2f, 3: mi.Vector3f}[len(values)]
+    return kind(values[0]) if len(values) == 1 else kind(*values)
 
 
 def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) -> Any:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.util import find_spec
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +28,7 @@ class WrongPluginError(AssertionError):
 class Result:
     """The result of one test.
 
-    ``statistic`` is what was measured, and ``where`` tells the angles, the component or the parameter of the largest
+    ``statistic`` is what was measured, and ``where`` tells the angles, the component or the parameter of a typical
     deviation. A statistical test has a ``p_value``; its verdict depends on the number of statistical tests, see
     :meth:`Report.finish`. ``picture`` is a pair of arrays (density, histogram).
     """
@@ -39,9 +37,9 @@ class Result:
     verdict: str = OK
     statistic: str = ""
     where: str = ""
-    variant: str = ""
     p_value: float | None = None
     picture: Any = field(default=None, repr=False)
+    variant: str = field(default_factory=lambda: mi.variant() or "")
 
 
 class Report:
@@ -56,81 +54,69 @@ class Report:
         """Whether no test failed."""
         return not any(result.verdict == FAILS for result in self.results)
 
-    def add(self, test: str, verdict: str = OK, statistic: str = "", where: str = "", **more: Any) -> Result:
-        """Adds a result of the active variant, and returns it."""
-        self.results.append(Result(test, verdict, statistic, where, mi.variant() or "", **more))
-        return self.results[-1]
+    def add(self, *values: Any, **more: Any) -> None:
+        """Adds a :class:`Result` of the active variant, whose fields are the arguments."""
+        self.results.append(Result(*values, **more))
+
+    def require(
+        self, test: str, right: Any, where: Any = "", *, on: Any = True, share: float = 0.0, worst: str = FAILS,
+        found: Callable[[int], str] = lambda i: "not so",
+    ) -> None:  # fmt: skip
+        """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
+        columns ``on``, if there are any; the ``share`` of them may be false.
+
+        ``where`` is a text, or a function that describes column i, and ``found`` tells what is wrong there. ``worst``
+        is the verdict if too many are false.
+        """
+        right, on = np.broadcast_arrays(np.atleast_2d(right).all(axis=0), on)
+        wrong, count = np.flatnonzero(on & ~right), on.sum()
+        if len(wrong) > share * count:
+            i = int(wrong[len(wrong) // 2])
+            times = f"; {len(wrong) / count:.1%} of {count} inputs fail" if count > 1 else ""
+            self.add(test, worst, found(i) + times, where(i) if callable(where) else where)
+        elif count:
+            self.add(test, OK, f"{count} inputs agree" if count > 1 else "")
 
     def equal(
-        self, test: str, values: Any, expected: Any, where: Any = None, *, on: Any = True, worst: str = FAILS,
-        **limits: float,
+        self, test: str, values: Any, expected: Any, where: Any = "", *, on: Any = True, tolerance: float = 0.02,
+        floor: float = 1e-4, share: float = 0.005, worst: str = FAILS,
     ) -> None:  # fmt: skip
         """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit, in the columns ``on``.
 
-        Values differ if their difference is above ``tolerance`` (0.02) times the larger one, and above ``floor`` (1e-4)
-        times the mean of ``expected``. Not more than the ``share`` (0.005) of the columns may differ, because a few
-        inputs lie where single precision is coarse. ``where`` is a text, or a function that describes column i.
-        ``worst`` is the verdict if too many differ.
+        Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
+        mean of ``expected``. Not more than the ``share`` of the columns may differ, because a few inputs lie where
+        single precision is coarse.
         """
-        tolerance, floor, share = ({"tolerance": 0.02, "floor": 1e-4, "share": 0.005} | limits).values()
-        values, expected, _ = np.broadcast_arrays(rows(values), rows(expected), on)
-        both = ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
-        values, expected = np.where(both, 0, values), np.where(both, 0, expected)
-        on = np.broadcast_to(on, values.shape[1])
-        if not on.any():
+        values, expected, on = np.broadcast_arrays(rows(values), rows(expected), np.atleast_2d(on).all(axis=0))
+        if not (on := on[0]).any():
             return
-        larger, difference = np.maximum(np.abs(values), np.abs(expected)), np.abs(values - expected)
+        larger = np.maximum(np.abs(values), np.abs(expected))
         scale = floor * np.nanmean(np.minimum(np.abs(expected[:, on]), 1e6)) + 1e-12
-        off = on & ~(difference <= np.maximum(tolerance * larger, scale)).all(axis=0)
-        if off.sum() <= share * on.sum():
-            self.add(test, statistic=f"{on.sum()} values agree")
-            return
-        i = self._median(off, (difference / np.maximum(larger, 1e-30)).max(axis=0))
-        channel = int(np.argmax(difference[:, i]))
-        numbers = f"{values[channel, i]:.4g} instead of {expected[channel, i]:.4g}"
-        self.add(test, worst, f"{numbers}; {off.sum() / on.sum():.1%} of {on.sum()} differ", _place(where, i))
+        right = np.abs(values - expected) <= np.maximum(tolerance * larger, scale)
+        right |= ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
 
-    def require(
-        self, test: str, right: Any, where: Any = None, *, on: Any = True, share: float = 0.0, worst: str = FAILS
-    ) -> None:
-        """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
-        columns ``on``; the ``share`` of them may be false.
-        """
-        right, on = np.broadcast_arrays(np.atleast_2d(right).all(axis=0), on)
-        wrong = on & ~right
-        if wrong.sum() <= share * on.sum():
-            self.add(test)
-            return
-        count = f" ({wrong.sum()} of {on.sum()})" if on.sum() > 1 else ""
-        self.add(test, worst, f"not so{count}", _place(where, self._median(wrong, np.arange(wrong.size))))
+        def found(i: int) -> str:
+            channel = int(np.argmin(right[:, i]))
+            return f"{values[channel, i]:.4g} instead of {expected[channel, i]:.4g}"
 
-    def finite(self, name: str, values: Any, where: Any = None, *, on: Any = True, least: float = 0.0) -> None:
+        self.require(test, right, where, on=on, share=share, worst=worst, found=found)
+
+    def finite(self, name: str, values: Any, where: Any = "", *, on: Any = True, least: float = 0.0) -> None:
         """Adds whether values are finite, and not below ``least``."""
         values = rows(values)
         self.require(f"{name} is finite, not negative", np.isfinite(values) & (values >= least), where, on=on)
 
-    def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = None, *, on: Any = True) -> None:
-        """Adds whether weights and densities of samples are those of ``value`` and the ``stated`` density."""
-        self.equal("weight of a sample = eval() / pdf()", rows(weight) * rows(pdf), value, where, on=on)
-        self.equal("pdf of a sample = pdf()", pdf, stated, where, on=on)
-
-    def unit(self, name: str, vectors: Any, where: Any = None, *, on: Any = True) -> None:
+    def unit(self, name: str, vectors: Any, where: Any = "", *, on: Any = True) -> None:
         """Adds whether vectors have the length 1."""
         length = np.linalg.norm(rows(vectors), axis=0)
         self.require(f"{name} are unit vectors", np.abs(length - 1) < 1e-3, where, on=on, share=0.01)
-
-    @staticmethod
-    def _median(chosen: np.ndarray, order: np.ndarray) -> int:
-        """The column in the middle of the chosen ones."""
-        columns = np.flatnonzero(chosen)
-        return int(columns[np.argsort(order[columns])[len(columns) // 2]])
 
     def finish(self) -> Report:
         """Decides the statistical tests together (Šidák's correction); returns this report."""
         tests = [(result, result.p_value) for result in self.results if result.p_value is not None]
         limit = sidak(SIGNIFICANCE, max(1, len(tests)))
         for result, p_value in tests:
-            if not p_value >= limit and result.verdict == OK:
+            if result.verdict == OK and not p_value >= limit:
                 result.verdict = FAILS
         return self
 
@@ -139,23 +125,18 @@ class Report:
         if not self.ok:
             raise WrongPluginError(self.table())
 
-    def rows(self) -> Iterator[tuple[Result, int]]:
-        """Yields the worst result of each test and variant, and the number of results there."""
-        order = {name: i for i, name in enumerate(dict.fromkeys(result.test for result in self.results))}
-        for _, group in groupby(sorted(self.results, key=lambda r: order[r.test]), key=lambda r: r.test):
-            results = list(group)
-            p_values = [1.0 if r.p_value is None else r.p_value for r in results]
-            worst = max(range(len(results)), key=lambda i: (VERDICTS.index(results[i].verdict), -p_values[i]))
-            yield results[worst], len(results)
-
     def table(self) -> str:
-        """Returns the results as a text of one line for each test."""
+        """Returns the worst result of each test as a text of one line."""
         lines = [f"{self.kind} {self.plugin}: {'right' if self.ok else 'WRONG'}"]
-        for result, count in self.rows():
-            text = result.statistic + ("" if result.p_value is None else f", p = {result.p_value:.2g}")
-            where = f"; {result.where} ({result.variant})" if result.where and result.verdict != OK else ""
-            times = f" ({count} times)" if count > 1 else ""
-            lines.append(f"  {result.verdict:<11}{result.test}{times}: {text.removeprefix(', ')}{where}".rstrip(": "))
+        for test in dict.fromkeys(result.test for result in self.results):
+            results = [result for result in self.results if result.test == test]
+            p_values = [1.0 if r.p_value is None else r.p_value for r in results]
+            i = max(range(len(results)), key=lambda i: (VERDICTS.index(results[i].verdict), -p_values[i]))
+            worst, times = results[i], f" ({len(results)} times)" if len(results) > 1 else ""
+            p = "" if worst.p_value is None else f"p = {worst.p_value:.2g}"
+            where = f"; {worst.where} ({worst.variant})" if worst.where and worst.verdict != OK else ""
+            measured = ", ".join(filter(None, [worst.statistic, p])) + where
+            lines.append(f"  {worst.verdict:<11}{test}{times}: {measured}".rstrip(": "))
         return "\n".join(lines)
 
     def json(self) -> dict[str, Any]:
@@ -164,29 +145,10 @@ class Report:
         return {"plugin": self.plugin, "kind": self.kind, "ok": self.ok, "results": rows}
 
     def write_pictures(self, folder: Path) -> list[Path]:
-        """Writes a PNG image of density and histogram for each failed chi-squared test; returns their paths."""
-        if find_spec("matplotlib") is None:
-            return []
-        wrong = [result for result in self.results if result.verdict == FAILS and result.picture is not None]
-        return [_picture(result, folder / f"check-{self.plugin}-{i}.png") for i, result in enumerate(wrong)]
-
-
-def _place(where: Any, i: int) -> str:
-    return where(i) if callable(where) else where or ""
-
-
-def _picture(result: Result, path: Path) -> Path:
-    """Writes density, histogram and difference of a failed test side by side."""
-    from matplotlib.figure import Figure
-
-    density, histogram = result.picture
-    figure = Figure(figsize=(12, 3), layout="constrained")
-    figure.suptitle(f"{result.test}: {result.where}")
-    limit = max(float(np.quantile(density, 0.999)), 1e-6)
-    images = {"density (pdf)": density, "histogram (sample)": histogram, "histogram - density": histogram - density}
-    for axes, (title, values) in zip(figure.subplots(1, 3), images.items()):
-        image = axes.imshow(values, vmin=min(0, values.min()), vmax=limit, aspect="auto")
-        axes.set(title=title, xlabel="first coordinate", ylabel="second coordinate")
-        figure.colorbar(image, ax=axes)
-    figure.savefig(path, dpi=100)
-    return path
+        """Writes a PNG image of density, samples and difference for each failed chi-squared test; returns the paths."""
+        wrong = [r.picture for r in self.results if r.verdict == FAILS and r.picture is not None]
+        paths = [folder / f"check-{self.plugin}-{i}.png" for i in range(len(wrong))]
+        for (density, samples), path in zip(wrong, paths):
+            panels = np.hstack([density, samples, np.abs(samples - density)]) / max(np.quantile(density, 0.999), 1e-6)
+            mi.util.write_bitmap(str(path), np.kron(panels, np.ones((6, 6))), write_async=False)
+        return paths

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 from ..scene import session
-from . import reloading
+from . import kinds
 from .report import FAILS, NOTE, SKIPPED, Report
-from .subject import Subject, kind_of
+from .subject import KINDS, Subject, kind_of
 
 #: What Mitsuba's errors say of a method that a plugin does not have.
 MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported", "was queried for"
@@ -22,15 +21,15 @@ MISSING = "not implemented", "pure virtual", "explicitly disabled", "not support
 #: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the names of the tests that find it). They are
 #: notes.
 FAULTS = {
-    "area": ("with a texture on a mesh, it samples other places", "samples follow pdf_direction()", "light by"),
+    "area": ("with a texture on a mesh, it samples other places", "samples follow pdf()", "light by"),
     "blendbsdf": ("the pdf of an ideal lobe lacks the weight of the blend", "ideal lobes have their probability"),
     "blendphase": ("one component's pdf has the weight of the blend", "weight of", "pdf of", "samples follow"),
     "checkerboard": ("eval_1() swaps both colours", "eval_1()"),
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),
-    "hair": ("the second component is never sampled", "every lobe"),
+    "hair": ("the second component is never sampled; the pdf is no exact one", "every lobe", "samples follow pdf()"),
     "mask": ("with one component in the context, sample() takes the other", "samples follow pdf()"),
     "path": ("a mask reflects the square of its opacity", "blocks have", "images have"),
-    "principled": ("the model is not reciprocal", "reciprocity"),
+    "principled": ("not reciprocal; spec_tint depends on the sampled wavelengths", "reciprocity", "variants agree"),
     "principledthin": ("not reciprocal, and it has lobes of weight 0", "reciprocity", "every lobe"),
     "roughplastic": ("the table of transmittances has no derivative", "derivatives"),
     "sggx": ("the frame of sampled normals is transposed", "samples follow pdf()"),
@@ -63,12 +62,18 @@ def check(
     if kind is not None and found != kind:
         raise TypeError(f"{subject.name} is a plugin of the kind {found}, not {kind}")
     report = Report(subject.name, found)
-    for name, test in tests(subject, found):
-        begun(name)
+    for test, run in getattr(kinds, KINDS[found])(subject, report).tests():
+        begun(test)
         try:
-            test(report)
+            with np.errstate(all="ignore"):
+                run()
         except Exception as error:  # noqa: BLE001 (a plugin in Python may raise anything; other tests may tell why)
-            _failed(report, name, error)
+            words = session.message(error).strip().splitlines() or [repr(error)]
+            lacks = [line for line in words if any(phrase in line.lower() for phrase in MISSING)]
+            if lacks or isinstance(error, NotImplementedError):
+                report.add(test, SKIPPED, [*lacks, words[-1]][0])
+            else:
+                report.add(test, FAILS, f"{type(error).__name__}: {words[-1]}")
     reason, *known = FAULTS.get(subject.name, ("",))
     for result in report.finish().results:
         if result.verdict == FAILS and result.test.startswith(tuple(known)):
@@ -76,32 +81,7 @@ def check(
     return report
 
 
-def _failed(report: Report, name: str, error: Exception) -> None:
-    """Adds an exception to the report: a method that Mitsuba's base class does not implement is not tested."""
-    words = session.message(error).strip().splitlines() or [repr(error)]
-    found = [line for line in words if any(phrase in line.lower() for phrase in MISSING)]
-    missing = isinstance(error, NotImplementedError) or bool(found)
-    text = found[0] if found else words[-1]
-    report.add(name, SKIPPED if missing else FAILS, text if missing else f"{type(error).__name__}: {text}")
-
-
-def tests(subject: Subject, kind: str) -> Iterator[tuple[str, Callable[[Report], None]]]:
-    """Yields the name and the function of each test of a kind of plugins."""
-    module = importlib.import_module(f"{__package__}.kinds.{kind}")
-    for test in module.TESTS:
-        yield _name(test), partial(test, subject)
-    if not hasattr(module, "values"):
-        return
-    for again in reloading.TESTS:
-        yield _name(again), partial(again, subject, module)
-
-
-def _name(test: Callable) -> str:
-    """The name of a test function as words."""
-    return test.__name__.removeprefix("test_").replace("_", " ")
-
-
-def check_apart(variant: str, source: str | Path, **how: Any) -> Report:
+def check_apart(variant: str, source: str | Path | Mapping[str, Any], **how: Any) -> Report:
     """Tests a plugin in a new process; returns the report, which names the test that crashed or does not end.
 
     ``how`` are arguments of :func:`check`. Raises RuntimeError with the message of a plugin that cannot be loaded.
@@ -111,33 +91,30 @@ def check_apart(variant: str, source: str | Path, **how: Any) -> Report:
     process = context.Process(target=_child, args=(sender, variant, source, how))
     process.start()
     sender.close()
-    last = "loading"
+    message: Any = "loading"
     try:
-        while receiver.poll(PATIENCE):
+        while isinstance(message, str):
+            test, end = message, f"does not end within {PATIENCE} s"
+            if not receiver.poll(PATIENCE):
+                break
             message = receiver.recv()
-            if isinstance(message, Report):
-                return message
-            if isinstance(message, Exception):
-                raise RuntimeError(str(message))
-            last = message
-        end = f"does not end within {PATIENCE} s"
     except EOFError:
         process.join()
         end = f"ends the process (exit code {process.exitcode})"
     finally:
         process.kill()
-        process.join()
-    name = source["type"] if isinstance(source, Mapping) else source
-    report = Report(str(name), how.get("kind") or "plugin")
-    report.add("the process survives", FAILS, f"the plugin {end}", f"in the test: {last}")
-    return report
+    if isinstance(message, Exception):
+        raise message
+    if isinstance(message, str):
+        message = Report(str(source["type"] if isinstance(source, Mapping) else source), how.get("kind") or "plugin")
+        message.add("the process survives", FAILS, f"the plugin {end}", f"in the test: {test}")
+    return message
 
 
-def _child(sender: Any, variant: str, source: str | Path, how: dict[str, Any]) -> None:
+def _child(sender: Any, variant: str, source: str | Path | Mapping[str, Any], how: dict[str, Any]) -> None:
     """Tests a plugin in this process, and sends the names of tests, and then the report or an exception."""
     try:
-        subject = Subject(source, modules=how.get("modules", ()))
-        subject.set_variant(variant)
+        Subject(source, modules=how.get("modules", ())).set_variant(variant)
         mi.set_log_level(mi.LogLevel.Error)
         sender.send(check(source, begun=sender.send, **how))
     except Exception as error:  # noqa: BLE001 (the parent reports it)

@@ -1,4 +1,7 @@
-"""Tests of samples: chi-squared by Mitsuba's own class, Welch's test, and Šidák's correction."""
+"""Tests of samples: chi-squared by Mitsuba's own class, Welch's test, and Šidák's correction.
+
+A test returns the fields of a :class:`.Result`, such as ``p_value``.
+"""
 
 from __future__ import annotations
 
@@ -29,28 +32,26 @@ def normal_p(z: float) -> float:
 
 
 def mean_is(values: np.ndarray, low: float, high: float) -> dict[str, Any]:
-    """Returns the statistic and the p-value of the claim that a mean is between ``low`` and ``high``."""
+    """Tests the claim that a mean is between ``low`` and ``high``."""
     mean, error = float(values.mean()), max(float(values.std()) / values.size**0.5, 1e-6)
     return {"statistic": f"{mean:.4f}", "p_value": normal_p(max(0.0, low - mean, mean - high) / error)}
 
 
-def welch(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
-    """Returns the statistic and the p-value of Welch's test that two large samples have the same mean."""
+def welch(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-4) -> dict[str, Any]:
+    """Tests the claim that two large samples have the same mean, but for a relative ``tolerance`` (for rounding)."""
     error = math.sqrt(a.var(ddof=1) / a.size + b.var(ddof=1) / b.size)
     mean_a, mean_b = float(a.mean()), float(b.mean())
-    beyond = max(0.0, abs(mean_a - mean_b) - 1e-4 * max(abs(mean_a), abs(mean_b)))  # rounding of single precision
+    beyond = max(0.0, abs(mean_a - mean_b) - tolerance * max(abs(mean_a), abs(mean_b)))
     p = normal_p(beyond / error) if error else float(beyond == 0)
     return {"statistic": f"{mean_a:.4g} and {mean_b:.4g}", "p_value": p}
 
 
-def chi_squared(
-    report: Any, test: str, where: str, sample: Callable, pdf: Callable, domain: Any = None, dimensions: int = 3
-) -> None:
-    """Adds the result of a chi-squared test to ``report``.
+def chi_squared(sample: Callable, pdf: Callable, dimensions: int = 3, domain: Any = None) -> dict[str, Any]:
+    """Tests the claim that samples have a density.
 
-    ``sample`` maps uniform numbers to a point and whether it is valid; ``pdf`` is the density of a point. If the
-    integral of the density over the cells changes with finer steps, the lobe is too narrow for the cells, and is not
-    tested.
+    ``sample`` maps uniform numbers of some ``dimensions`` to a point of the ``domain`` (default: the sphere) and
+    whether it is valid; ``pdf`` is the density of a point. If the integral of the density over the cells changes with
+    finer steps, the lobe is too narrow for the cells, and is not tested.
     """
     from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 
@@ -67,13 +68,11 @@ def chi_squared(
         p = _p_value(chi2)
         change, error = (float(dr.sum(dr.abs(chi2.pdf - v))[0] / SAMPLES) for v in (coarse, chi2.histogram))
         if p < 1e-3 and change > 0.3 * error and change > 2e-3:
-            report.add(test, "not tested", "the lobe is narrower than the cells", where)
-            return
-    shape = (int(chi2.res[1]), int(chi2.res[0]))
-    picture = tuple(np.array(one).reshape(shape) for one in (chi2.pdf, chi2.histogram))
+            return {"verdict": "not tested", "statistic": "the lobe is narrower than the cells"}
+    picture = tuple(np.array(one).reshape(int(chi2.res[1]), -1) for one in (chi2.pdf, chi2.histogram))
     p = 1.0 if p < 1e-3 and deviation(*picture) < RELATIVE else p
     masses = f"density {chi2.pdf_sum[0]:.4f}, samples {chi2.histogram_sum[0]:.4f}"
-    report.add(test, "ok", masses, where, p_value=p, picture=picture)
+    return {"statistic": masses, "p_value": p, "picture": picture}
 
 
 def deviation(expected: np.ndarray, found: np.ndarray) -> float:

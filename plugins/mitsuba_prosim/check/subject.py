@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,24 +20,21 @@ from ..scene import scene_file, session
 
 #: The kinds of plugins that have tests: name -> name of Mitsuba's class and object type.
 KINDS = {
-    "bsdf": "BSDF",
-    "emitter": "Emitter",
-    "texture": "Texture",
-    "phase": "PhaseFunction",
-    "shape": "Shape",
-    "sampler": "Sampler",
-    "sensor": "Sensor",
-    "integrator": "Integrator",
-    "medium": "Medium",
-    "film": "Film",
+    "bsdf": "BSDF", "emitter": "Emitter", "texture": "Texture", "phase": "PhaseFunction", "shape": "Shape",
+    "sampler": "Sampler", "sensor": "Sensor", "integrator": "Integrator", "medium": "Medium", "film": "Film",
     "rfilter": "ReconstructionFilter",
-}
+}  # fmt: skip
 
 #: What plugins cannot be loaded without, if only numbers and texts are given; volpath is the reference of images.
 DEFAULTS: dict[str, dict[str, Any]] = {
     "srgb": {"color": {"type": "rgb", "value": [0.2, 0.5, 0.3]}},
+    "aov": {"aovs": "depth:depth"},
     "prosim_adaptive": {"nested": {"type": "volpath"}},
+    "prosim_denoised": {"nested": {"type": "volpath"}},
 }
+
+#: Exceptions of a plugin that does not accept a value or a variant.
+REFUSED = (RuntimeError, ValueError, TypeError, KeyError, AttributeError)
 
 
 class Subject:
@@ -50,6 +46,9 @@ class Subject:
     """
 
     def __init__(self, source: str | Path | Mapping[str, Any], node: int = 0, modules: Sequence[str] = ()) -> None:
+        self.is_text = isinstance(source, str) and source.lstrip().startswith("<")
+        if isinstance(source, str) and not self.is_text and not Path(source).suffix:
+            source = {"type": source}
         self.source, self.node, self.modules = source, node, tuple(modules)
         self._states: dict[str, Any] = {}
 
@@ -78,18 +77,15 @@ class Subject:
         return self._states[variant]
 
     def _parse(self, config: Any) -> Any:
-        source = self.source
-        if isinstance(source, Mapping):
-            plain = all(isinstance(value, (str, int, float)) for value in source.values())
-            defaults = DEFAULTS.get(source.get("type", ""), {}) if plain else {}
-            state = mi.parser.parse_dict(config, _copied({**defaults, **source}))
-        elif isinstance(source, str) and source.lstrip().startswith("<"):
-            state = mi.parser.parse_string(config, source)
-        elif isinstance(source, str) and not Path(source).suffix:
-            state = mi.parser.parse_dict(config, {"type": source, **DEFAULTS.get(source, {})})
+        if isinstance(self.source, Mapping):
+            plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
+            defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
+            state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
+        elif self.is_text:
+            state = mi.parser.parse_string(config, self.source)
         else:
             self._folder = TemporaryFolder()
-            return scene_file.SceneFile(source, self._folder.path).state
+            return scene_file.SceneFile(self.source, self._folder.path).state
         mi.parser.transform_resolve_references(config, state)
         return state
 
@@ -121,21 +117,26 @@ class Subject:
         config.parallel = not any(node.props.plugin_name() in PLUGINS for node in state.nodes) and not self.modules
         config.merge_meshes = False
         mi.parser.transform_all(config, state)
-        folders = [Path(self.source).parent] if isinstance(self.source, Path) else []
-        with session.search_path(folders):
+        with session.search_path([self.source.parent] if isinstance(self.source, Path) else []):
             loaded = mi.parser.instantiate(config, state)
         return loaded[0] if isinstance(loaded, list) else loaded
 
-    def nodes(self) -> Iterator[tuple[int, str]]:
-        """Yields the number and the kind of each plugin of the scene that has tests, equal plugins once."""
-        seen, kinds = set(), {getattr(mi.ObjectType, name): kind for kind, name in KINDS.items()}
+    def changed(self, **changes: Any) -> Any:
+        """Returns what :meth:`load` returns; None if the plugin refuses the changes."""
+        try:
+            return self.load(**changes)
+        except REFUSED:
+            return None
+
+    def nodes(self) -> Iterator[int]:
+        """Yields the number of each plugin of the scene that has tests, equal plugins once."""
+        seen, types = set(), [getattr(mi.ObjectType, name) for name in KINDS.values()]
         for number, node in enumerate(self.state.nodes):
-            text = f"{node.type} {node.props}"
             nested = [(name, str(self.state.nodes[child.index()].props)) for name, child in children(node.props)]
-            key = (text.partition("elements")[2], str(nested), str(node.type), node.props.plugin_name())
-            if node.type in kinds and key not in seen:
+            key = str(node.type), node.props.plugin_name(), str(node.props).partition("elements")[2], str(nested)
+            if node.type in types and key not in seen:
                 seen.add(key)
-                yield number, kinds[node.type]
+                yield number
 
 
 def import_module(name: str) -> Any:

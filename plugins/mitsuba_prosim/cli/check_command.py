@@ -90,7 +90,7 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
         source = {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
     subject = Subject(source, modules=modules)
     if subject.state.root.type == mi.ObjectType.Scene:
-        yield from ((source, node) for node, _ in subject.nodes())
+        yield from ((source, node) for node in subject.nodes())
     else:
         subject.load()
         yield source, 0

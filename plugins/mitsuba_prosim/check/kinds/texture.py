@@ -9,15 +9,11 @@ import mitsuba as mi
 import numpy as np
 
 from ..inputs import interaction, place, rows, uniform
-from ..report import Report
 from ..statistics import chi_squared
-from ..subject import Subject
+from ..tests import Tests
 
 #: Number of places.
 INPUTS = 2**14
-
-#: A texture is either a reflectance or light; values whose derivatives are tested.
-LIGHT, SMOOTH = (False, True), ("eval()",)
 
 
 def at(uv: Any, wavelengths: Any = None) -> Any:
@@ -38,110 +34,105 @@ def nearest(found: np.ndarray, value: np.ndarray) -> np.ndarray:
     return np.choose(np.argmin([np.abs(found - np.array(mean)) for mean in means], axis=0), means)
 
 
-def test_methods(subject: Subject, report: Report) -> None:
-    """eval_3() is eval(); eval_1() is eval() where it is grey, and its luminance elsewhere."""
-    texture, uv = subject.load(), uniform(INPUTS, 2)
-    value = colours(texture, uv)
-    report.require("eval() is finite", np.isfinite(value), place("uv", uv))
-    one = rows(texture.eval_1(at(uv)), INPUTS)[0]
-    report.equal("eval_1() = eval()", one, nearest(one, value), place("uv", uv))
-    if "rgb" in (mi.variant() or ""):
-        report.equal("eval_3() = eval()", texture.eval_3(at(uv)), value, place("uv", uv))
+class Texture(Tests):
+    """Tests of a texture or a spectrum: it is either a reflectance or light."""
 
+    LIGHT, SMOOTH = (False, True), ("eval()",)
 
-def test_gradient(subject: Subject, report: Report) -> None:
-    """eval_1_grad() is the difference of eval_1() between near places."""
-    texture, uv, h = subject.load(), uniform(INPUTS, 2, 2), 3e-4
-    shifts = (uv + np.array(d, dtype=np.float32)[:, None] * h for d in ((1, 0), (-1, 0), (0, 1), (0, -1)))
-    right, left, up, down = (rows(texture.eval_1(at(shift)), INPUTS) for shift in shifts)
-    difference = np.concatenate([right - left, up - down]) / (2 * h)
-    gradient = texture.eval_1_grad(at(uv))
-    report.equal(
-        "eval_1_grad() = differences", gradient, difference, place("uv", uv), tolerance=0.05, share=0.25, floor=0.05
-    )
+    def test_eval_1(self, texture: Any) -> None:
+        """eval_1() is eval() where it is grey, and its luminance elsewhere."""
+        uv = uniform(INPUTS, 2)
+        value = colours(texture, uv)
+        self.report.require("eval() is finite", np.isfinite(value), place("uv", uv))
+        one = rows(texture.eval_1(at(uv)), INPUTS)[0]
+        self.report.equal("eval_1() = eval()", one, nearest(one, value), place("uv", uv))
 
+    def test_eval_3(self, texture: Any) -> None:
+        """eval_3() is eval()."""
+        uv = uniform(INPUTS, 2)
+        if "rgb" in (mi.variant() or ""):
+            self.report.equal("eval_3() = eval()", texture.eval_3(at(uv)), colours(texture, uv), place("uv", uv))
 
-def test_mean_and_max(subject: Subject, report: Report) -> None:
-    """mean() is the mean of eval(), max() is not below it, and a texture that depends on uv says so."""
-    texture, side = subject.load(), 512
-    grid = (np.indices((side, side)).reshape(2, -1) + uniform(side * side, 2, 3)).astype(np.float32) / side
-    value = colours(texture, grid)
-    varies = np.ptp(value, axis=1).max() > 1e-4
-    report.require("is_spatially_varying() is true where uv matters", [texture.is_spatially_varying() or not varies])
-    if "rgb" in (mi.variant() or "") and "to_uv" not in subject.props:
-        found = rows(texture.mean())[0]
-        expected = nearest(found, value.mean(axis=1, keepdims=True))
-        report.equal("mean() = the mean of eval()", found, expected, tolerance=0.02, floor=0.01)
-    report.require("max() is not below eval()", [value.max() <= rows(texture.max()).max() * 1.001 + 1e-6])
+    def test_gradient(self, texture: Any) -> None:
+        """eval_1_grad() is the difference of eval_1() between near places."""
+        uv, h = uniform(INPUTS, 2, 2), 3e-4
+        shifts = (uv + np.array(d, dtype=np.float32)[:, None] * h for d in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+        right, left, up, down = (rows(texture.eval_1(at(shift)), INPUTS) for shift in shifts)
+        difference = np.concatenate([right - left, up - down]) / (2 * h)
+        self.report.equal(
+            "eval_1_grad() = differences", texture.eval_1_grad(at(uv)), difference, place("uv", uv),
+            tolerance=0.05, share=0.25, floor=0.05,
+        )  # fmt: skip
 
+    def test_mean(self, texture: Any) -> None:
+        """mean() is the mean of eval(), and a texture that depends on uv says so."""
+        value = self.grid(texture)
+        varies = np.ptp(value, axis=1).max() > 1e-4
+        says = texture.is_spatially_varying() or not varies
+        self.report.require("is_spatially_varying() is true where uv matters", [says])
+        if "rgb" in (mi.variant() or "") and "to_uv" not in self.subject.props:
+            found = rows(texture.mean())[0]
+            expected = nearest(found, value.mean(axis=1, keepdims=True))
+            self.report.equal("mean() = the mean of eval()", found, expected, floor=0.01)
 
-def test_positions(subject: Subject, report: Report) -> None:
-    """Places of sample_position() have the density of pdf_position()."""
-    from mitsuba.chi2 import PlanarDomain
+    def test_max(self, texture: Any) -> None:
+        """max() is not below eval()."""
+        most = rows(texture.max()).max() * 1.001 + 1e-6
+        self.report.require("max() is not below eval()", [self.grid(texture).max() <= most])
 
-    texture = subject.load()
-    uv, pdf = texture.sample_position(mi.Point2f(uniform(INPUTS, 2, 5)))
-    report.equal("pdf of a place = pdf_position()", pdf, texture.pdf_position(uv))
-    chi_squared(
-        report,
-        "samples follow pdf_position()",
-        "",
-        lambda u: (texture.sample_position(u)[0], mi.Bool(True)),
-        lambda p: texture.pdf_position(mi.Point2f(p)),
-        PlanarDomain(mi.ScalarBoundingBox2f([0, 0], [1, 1])),
-        2,
-    )
+    def grid(self, texture: Any, side: int = 512) -> np.ndarray:
+        """eval() at a jittered grid of the unit square."""
+        cells = np.indices((side, side)).reshape(2, -1) + uniform(side * side, 2, 3)
+        return colours(texture, (cells / side).astype(np.float32))
 
+    def test_positions(self, texture: Any) -> None:
+        """Places of sample_position() have the density of pdf_position()."""
+        from mitsuba.chi2 import PlanarDomain
 
-def test_transform(subject: Subject, report: Report) -> None:
-    """to_uv transforms uv."""
-    texture, uv = subject.load(), uniform(INPUTS, 2, 6)
-    if "to_uv" in subject.props:
-        return
-    try:
-        moved = subject.load(to_uv=mi.ScalarTransform4f(np.diag([0.5, 0.3, 1.0, 1.0])))
-    except (RuntimeError, TypeError):
-        return
-    inside = (uv * [[0.5], [0.3]]).astype(np.float32)
-    report.equal("to_uv scales uv", colours(moved, uv), colours(texture, inside), place("uv", uv), share=0.03)
+        uv, pdf = texture.sample_position(mi.Point2f(uniform(INPUTS, 2, 5)))
+        self.report.equal("pdf of a place = pdf_position()", pdf, texture.pdf_position(uv))
+        sample = lambda u: (texture.sample_position(u)[0], mi.Bool(True))  # noqa: E731
+        stated = lambda p: texture.pdf_position(mi.Point2f(p))  # noqa: E731
+        square = PlanarDomain(mi.ScalarBoundingBox2f([0, 0], [1, 1]))
+        self.report.add("samples follow pdf_position()", **chi_squared(sample, stated, 2, square))
 
+    def test_transform(self, texture: Any) -> None:
+        """to_uv transforms uv."""
+        uv = uniform(INPUTS, 2, 6)
+        moved = self.subject.changed(to_uv=mi.ScalarTransform4f(np.diag([0.5, 0.3, 1.0, 1.0])))
+        if moved is not None and "to_uv" not in self.subject.props:
+            expected = colours(texture, (uv * [[0.5], [0.3]]).astype(np.float32))
+            self.report.equal("to_uv scales uv", colours(moved, uv), expected, place("uv", uv), share=0.03)
 
-def test_wavelengths(subject: Subject, report: Report) -> None:
-    """Sampled wavelengths have the density of pdf_spectrum(), and the weight eval() / pdf."""
-    from mitsuba.chi2 import LineDomain
+    def test_wavelengths(self, texture: Any) -> None:
+        """Sampled wavelengths have the density of pdf_spectrum(), and the weight eval() / pdf."""
+        from mitsuba.chi2 import LineDomain
 
-    variant = (mi.variant() or "").partition("_")[0] + "_ad_spectral"
-    if variant not in mi.variants():
-        return
-    with subject.other_variant(variant):
-        try:
-            texture = subject.load()
-        except RuntimeError:
-            return  # for example, data of another variant
+        variant = (mi.variant() or "").partition("_")[0] + "_ad_spectral"
+        if variant not in mi.variants():
+            return
+        with self.subject.other_variant(variant):
+            if (texture := self.subject.changed()) is None:
+                return  # for example, data of another variant
 
-        def sample(u: Any) -> tuple[Any, Any]:
-            si = at(dr.zeros(mi.Point2f, dr.width(u)))
-            return mi.Vector1f(texture.sample_spectrum(si, mi.sample_shifted(u[0]))[0][0]), mi.Bool(True)
+            def sample(u: Any) -> tuple[Any, Any]:
+                si = at(dr.zeros(mi.Point2f, dr.width(u)))
+                return mi.Vector1f(texture.sample_spectrum(si, mi.sample_shifted(u[0]))[0][0]), mi.Bool(True)
 
-        def density(w: Any) -> Any:
-            return texture.pdf_spectrum(at(dr.zeros(mi.Point2f, dr.width(w)), mi.UnpolarizedSpectrum(w)))[0]
+            def density(w: Any) -> Any:
+                return texture.pdf_spectrum(at(dr.zeros(mi.Point2f, dr.width(w)), mi.UnpolarizedSpectrum(w)))[0]
 
-        si = at(uniform(INPUTS, 2, 7))
-        si.wavelengths, weight = texture.sample_spectrum(si, mi.sample_shifted(mi.Float(uniform(INPUTS, 1, 8)[0])))
-        pdf = texture.pdf_spectrum(si)
-        report.equal("weight of a wavelength = eval() / pdf_spectrum()", rows(weight) * rows(pdf), texture.eval(si))
-        domain = LineDomain([float(mi.MI_CIE_MIN), float(mi.MI_CIE_MAX)])
-        chi_squared(report, "samples follow pdf_spectrum()", "", sample, density, domain, 1)
+            si = at(uniform(INPUTS, 2, 7))
+            si.wavelengths, weight = texture.sample_spectrum(si, mi.sample_shifted(mi.Float(uniform(INPUTS, 1, 8)[0])))
+            found = rows(weight) * rows(texture.pdf_spectrum(si))
+            self.report.equal("weight of a wavelength = eval() / pdf_spectrum()", found, texture.eval(si))
+            domain = LineDomain([float(mi.MI_CIE_MIN), float(mi.MI_CIE_MAX)])
+            self.report.add("samples follow pdf_spectrum()", **chi_squared(sample, density, 1, domain))
 
+    def inputs(self, n: int) -> list[np.ndarray]:
+        """Places, some beyond [0, 1)."""
+        return [(3 * uniform(n, 2, 81) - 1).astype(np.float32)]
 
-def inputs(n: int) -> list[np.ndarray]:
-    """Places, some beyond [0, 1)."""
-    return [(3 * uniform(n, 2, 81) - 1).astype(np.float32)]
-
-
-def values(texture: Any, uv: Any, wavelengths: Any) -> dict[str, Any]:
-    """The texture at given places."""
-    return {"eval()": texture.eval(at(uv, wavelengths))}
-
-
-TESTS = test_methods, test_gradient, test_mean_and_max, test_positions, test_transform, test_wavelengths
+    def values(self, texture: Any, uv: Any, wavelengths: Any) -> dict[str, Any]:
+        """The texture at given places."""
+        return {"eval()": texture.eval(at(uv, wavelengths))}

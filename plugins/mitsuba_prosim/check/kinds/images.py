@@ -1,0 +1,211 @@
+"""Tests of what makes images: sensors, films, filters, samplers and integrators."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from ..inputs import interaction, place, rows, uniform
+from ..report import FAILS, NOTE, OK, SKIPPED
+from ..statistics import chi_squared, mean_is, normal_p, welch
+from ..tests import Tests
+
+#: Number of rays, and of pixels of a sampler with one sample each.
+INPUTS, PIXELS = 2**12, 2**16
+
+#: A film of 80 x 60 pixels, and a crop of it.
+FILM = {"type": "hdrfilm", "width": 80, "height": 60, "rfilter": {"type": "box"}}
+CROP = {"crop_offset_x": 20, "crop_offset_y": 12, "crop_width": 40, "crop_height": 24}
+
+
+def rays(sample: Any, film: np.ndarray) -> tuple[Any, Any]:
+    """Rays through places of the film, and their weights."""
+    u = uniform(INPUTS, 3, 1)
+    return sample(mi.Float(0.0), mi.Float(u[0]), mi.Point2f(film.astype(np.float32)), mi.Point2f(u[1:]))
+
+
+class Sensor(Tests):
+    """Tests of a sensor."""
+
+    def test_rays(self, sensor: Any) -> None:
+        """Rays are unit vectors with finite weights; differentials do not change them."""
+        film = uniform(INPUTS, 2, 2)
+        where = place("film", film)
+        (ray, weight), (other, same) = (rays(f, film) for f in (sensor.sample_ray, sensor.sample_ray_differential))
+        self.report.finite("weight", weight, where)
+        self.report.unit("directions", ray.d, where)
+        for a, b in ((other.d, ray.d), (same, weight)):
+            self.report.equal("sample_ray_differential() = sample_ray()", a, b, where, tolerance=1e-3)
+
+    def test_crop(self, sensor: Any) -> None:
+        """A crop is a part of the whole."""
+        props = self.subject.props
+        films = dict.fromkeys(k for k in props if k.startswith("film") or "film" in str(props[k])[:40].lower())
+        whole, part = (self.subject.changed(**{**films, "film": mi.load_dict({**FILM, **crop})}) for crop in ({}, CROP))
+        if whole is None or part is None:
+            return  # it has no such film
+        film = uniform(INPUTS, 2, 2)
+        here = rays(part.sample_ray, film)[0]
+        there = rays(whole.sample_ray, [[0.25], [0.2]] + film * [[0.5], [0.4]])[0]
+        for a, b in ((here.d, there.d), (here.o, there.o)):
+            self.report.equal("a crop is a part of the whole", a, b, place("film", film), tolerance=2e-3, floor=1e-3)
+
+    def test_projection(self, sensor: Any) -> None:
+        """sample_direction() projects a point of a ray to the place of the film from which the ray comes."""
+        film = 0.02 + 0.96 * uniform(INPUTS, 2, 3)
+        it = interaction(mi.Interaction3f, INPUTS, p=rays(sensor.sample_ray, film)[0](mi.Float(3.0)))
+        ds, weight = sensor.sample_direction(it, mi.Point2f(uniform(INPUTS, 3, 1)[1:]))  # the ray's aperture sample
+        found, where = (rows(weight, INPUTS) > 0).any(axis=0), place("film", film)
+        self.report.require("points of rays are seen", found, where, share=0.02)
+        uv = rows(ds.uv, INPUTS) / np.array(sensor.film().crop_size(), dtype=float)[:, None]
+        test = "sample_direction() inverts sample_ray()"
+        self.report.equal(test, uv, film, where, on=found, tolerance=5e-3, share=0.02)
+
+
+class Film(Tests):
+    """Tests of a film."""
+
+    def test_energy(self, film: Any) -> None:
+        """Samples of the value 1 give pixels of the value 1; clear() removes them."""
+        film.prepare([])
+        size = np.array(film.crop_size(), dtype=np.float32)[:, None]
+        block, n = film.create_block(), int(size.prod()) * (64 if size.prod() < 2**15 else 16)
+        pos = mi.Point2f(uniform(n, 2) * size + np.array(film.crop_offset())[:, None])
+        block.put(pos, [mi.Float(1)] * block.channel_count())
+        film.put_block(block)
+        off = np.abs(np.array(film.develop(), dtype=float) - 1).max(axis=-1).ravel()
+        self.report.require("constant samples give a constant image", off < 2e-3, share=0.01)
+        film.clear()
+        self.report.require("clear() empties the film", [not np.nan_to_num(np.array(film.develop(raw=True))).any()])
+
+
+class ReconstructionFilter(Tests):
+    """Tests of a reconstruction filter."""
+
+    def test_values(self, rfilter: Any) -> None:
+        """eval() is symmetric, 0 beyond the radius, and positive on the whole."""
+        x = uniform(INPUTS, 1)[0] * rfilter.radius()
+        value, mirrored, beyond = (
+            rows(rfilter.eval(mi.Float(v)), INPUTS) for v in (x, -x, x + 1.001 * rfilter.radius())
+        )
+        where = lambda i: f"x = {x[i]:.3f}"  # noqa: E731
+        self.report.require("eval() is finite", np.isfinite(value), where)
+        self.report.equal("eval() is symmetric", mirrored, value, where)
+        self.report.require("eval() is 0 beyond radius()", np.abs(beyond) < 1e-5, where)
+        self.report.require("the integral is positive", [value.mean() > 0])
+        self.report.require("border_size() holds the radius", [rfilter.border_size() >= rfilter.radius() - 0.501])
+
+
+def draw(sampler: Any, seed: int) -> np.ndarray:
+    """Numbers of a sampler, shape (9, n): three of next_1d(), and three pairs of next_2d()."""
+    sampler.seed(seed, PIXELS)
+    return np.concatenate([rows(draw(), PIXELS) for draw in [sampler.next_1d] * 3 + [sampler.next_2d] * 3])
+
+
+class Sampler(Tests):
+    """Tests of a sampler."""
+
+    def test_numbers(self, sampler: Any) -> None:
+        """Numbers lie in [0, 1), have the mean 0.5, repeat with the seed, and change with it; clones continue alike."""
+        add, require = self.report.add, self.report.require
+        a, b, again = draw(sampler, 0), draw(sampler, 1), draw(sampler, 0)
+        require("numbers lie in [0, 1)", (a >= 0) & (a < 1))
+        require("the same seed gives the same numbers", a == again)
+        require("another seed gives other numbers", [np.mean(a == b) < 0.01])
+        correlated = np.corrcoef(a, b) * np.sqrt(PIXELS)
+        for i in range(9):
+            add("numbers have the mean 0.5", where=f"dimension {i}", **mean_is(a[i], 0.5, 0.5))
+            add("seeds are independent", where=f"dimension {i}", p_value=normal_p(correlated[i, i + 9]))
+            for j in range(i):
+                z = correlated[i, j]  # strata of all pixels may depend on each other
+                verdict = FAILS if abs(z) > 0.5 * np.sqrt(PIXELS) else OK if abs(z) < 4 else NOTE
+                add("dimensions are independent", verdict, where=f"{j}, {i}", p_value=normal_p(z))
+        clone = sampler.clone()
+        self.report.equal("a clone continues alike", clone.next_1d(), sampler.next_1d(), worst=NOTE)
+
+    def test_uniform(self, sampler: Any) -> None:
+        """next_2d() is uniform in the unit square."""
+        from mitsuba.chi2 import PlanarDomain
+
+        def sample(u: Any) -> tuple[Any, Any]:
+            sampler.seed(3, u.shape[1])
+            return sampler.next_2d(), mi.Bool(True)
+
+        square = PlanarDomain(mi.ScalarBoundingBox2f([0, 0], [1, 1]))
+        self.report.add("next_2d() is uniform", **chi_squared(sample, lambda _: mi.Float(1), 2, square))
+
+
+#: Images of each scene, with other seeds; pixels per side; blocks per side; samples per pixel.
+IMAGES, SIDE, BLOCKS, SAMPLES = 32, 12, 3, 16
+
+#: Integrators that trade noise for bias -> relative error of the light of a whole image that is allowed.
+BIASED = {"prosim_denoised": 0.02}
+
+#: Variance above that of the reference that is reported.
+FACTOR = 4
+
+
+def scenes() -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yields the name and the dictionary of scenes in which a floor is lit directly: materials and lamps cross."""
+    above = mi.ScalarTransform4f().translate([0.3, 0.2, 1.2]).rotate([1, 0, 0], 180).scale(0.3)
+    view = mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, 0, 0], [1, 0, 0])
+    lamps = {
+        "rectangle": {"type": "rectangle", "to_world": above, "emitter": {"type": "area"}},
+        "sphere": {"type": "sphere", "center": [0.3, 0.2, 1.2], "radius": 0.2, "emitter": {"type": "area"}},
+        "point": {"type": "point", "position": [0.3, 0.2, 1.2]},
+        "spot": {"type": "spot", "to_world": view, "cutoff_angle": 30.0},
+        "constant": {"type": "constant"},
+    }
+    materials = {
+        "diffuse": {"type": "diffuse", "reflectance": {"type": "checkerboard"}},
+        "rough metal": {"type": "roughconductor", "alpha": 0.3},
+        "plastic": {"type": "roughplastic", "alpha": 0.2},
+        "mask": {"type": "mask", "opacity": 0.6, "nested": {"type": "diffuse"}},
+    }
+    for i, (lamp, emitter) in enumerate(lamps.items()):
+        for material, bsdf in [*materials.items()][i % 2 :: 2]:
+            yield f"{material}, {lamp}", {"lamp": emitter, "floor": {"type": "rectangle", "bsdf": bsdf}}
+
+
+def images(integrator: Any, things: dict[str, Any], count: int = IMAGES) -> np.ndarray:
+    """Means of blocks of independent images, shape (images, blocks); of R, G and B alone."""
+    film = {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    view = mi.ScalarTransform4f().look_at([0, -2.5, 2], [0, 0, 0], [0, 0, 1])
+    sensor = {"type": "perspective", "fov": 35, "to_world": view, "film": film, "sampler": {"type": "independent"}}
+    scene, size = mi.load_dict({"type": "scene", "sensor": sensor, **things}), SIDE // BLOCKS
+    found = [np.array(mi.render(scene, integrator=integrator, spp=SAMPLES, seed=7 + i))[..., :3] for i in range(count)]
+    return np.array(found).reshape(count, BLOCKS, size, BLOCKS, size, -1).mean(axis=(2, 4, 5)).reshape(count, -1)
+
+
+class Integrator(Tests):
+    """Tests of an integrator."""
+
+    def test_images(self, integrator: Any) -> None:
+        """Blocks of images have the means of the reference, and at most four times its variance."""
+        add, biased = self.report.add, BIASED.get(self.subject.name)
+        skies = [
+            images(integrator, {"lamp": {"type": "constant", "radiance": v}, "ball": {"type": "sphere"}}, 1)
+            for v in (1.0, 3.0)
+        ]
+        if np.array_equal(skies[0], skies[1]):
+            add("blocks have the light of volpath", SKIPPED, "the image does not depend on the light")
+            return
+        for name, things in scenes():
+            a, b = images(self.subject.load(), things), images(mi.load_dict({"type": "volpath"}), things)
+            self.report.require("pixels are finite", np.isfinite(a), name)
+            add("images have the light of volpath", where=name, **welch(a.sum(axis=1), b.sum(axis=1), biased or 1e-4))
+            if biased:
+                add(
+                    "blocks have the light of volpath",
+                    SKIPPED,
+                    f"it may move light between pixels; {biased:.0%} in all",
+                )
+                continue
+            for i in range(BLOCKS**2):
+                add("blocks have the light of volpath", where=f"{name}, block {i}", **welch(a[:, i], b[:, i]))
+            factor = float(a.var(axis=0).mean() / max(b.var(axis=0).mean(), 1e-12 + 1e-6 * b.mean() ** 2))
+            verdict = NOTE if factor > FACTOR else OK
+            add("variance is at most 4 times that of volpath", verdict, f"{factor:.2f} times", name)

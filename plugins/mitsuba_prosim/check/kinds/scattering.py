@@ -1,0 +1,379 @@
+"""Tests of what scatters light: BSDFs, phase functions and media."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..inputs import contexts, directions, interaction, lit, rows, uniform
+from ..report import FAILS, NOTE
+from ..statistics import chi_squared, mean_is
+from ..tests import Tests
+
+#: Number of random inputs of a test without statistics, and of samples of a mean.
+INPUTS, SAMPLES = 2**14, 2**16
+
+#: Angles of incidence of statistical tests, in degrees; the last is below the surface.
+ANGLES = (12.0, 48.0, 77.0, 145.0)
+
+
+def surface(wi: Any, uv: Any, n: int | None = None, wavelengths: Any = None) -> Any:
+    """Returns points of a surface that are seen from the local directions ``wi``."""
+    wi, u, v = mi.Vector3f(wi), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+    frame, uv, n = mi.Frame3f(u, v, mi.Vector3f(0, 0, 1)), mi.Point2f(uv), n or dr.width(wi)
+    fields = {"uv": uv, "t": mi.Float(1), "n": frame.n, "dp_du": u, "dp_dv": v, "p": mi.Point3f(uv.x, uv.y, 0)}
+    return interaction(
+        mi.SurfaceInteraction3f, n, wavelengths, wi=wi + dr.zeros(mi.Vector3f, n), sh_frame=frame, **fields
+    )
+
+
+class Queries:
+    """Random inputs of a BSDF, its samples there, and directions ``out``, half of which are samples."""
+
+    def __init__(self, bsdf: Any, ctx: Any = None, n: int = INPUTS) -> None:
+        u = uniform(n, 6, 11)
+        self.ctx = ctx or mi.BSDFContext()
+        self.wi, self.uv = directions(n, 1), u[:2]
+        self.si, self.u1, self.u2 = surface(self.wi, self.uv), mi.Float(u[2]), mi.Point2f(u[3:5])
+        bs, weight = bsdf.sample(self.ctx, self.si, self.u1, self.u2)
+        self.weight, self.pdf, self.wo, self.eta = (rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta))
+        self.type = rows(bs.sampled_type, n)[0].astype(int)
+        self.valid = (self.pdf[0] > 0) & (self.weight > 0).any(axis=0)
+        self.smooth = self.valid & ~self.has(mi.BSDFFlags.Delta)
+        self.out = np.where(self.smooth & (u[5] < 0.5), self.wo, directions(n, 2)).astype(np.float32)
+        self.value, self.density = (rows(v, n) for v in bsdf.eval_pdf(self.ctx, self.si, mi.Vector3f(self.out)))
+
+    def has(self, flag: Any) -> np.ndarray:
+        """Whether each sample has one of the types in ``flag``."""
+        return self.type & int(flag) != 0
+
+    def where(self, i: int) -> str:
+        """The angles of input i."""
+        return angles(self.wi[:, i], self.out[:, i])
+
+    def sampled(self, i: int) -> str:
+        """The angles of input i and its sample."""
+        return angles(self.wi[:, i], self.wo[:, i])
+
+
+def angles(wi: np.ndarray, wo: np.ndarray) -> str:
+    """Describes two directions by their angles to the normal, and the difference of their azimuths."""
+    theta = [np.degrees(np.arccos(np.clip(v[2], -1, 1))) for v in (wi, wo)]
+    phi = np.degrees(np.arctan2(wo[1], wo[0]) - np.arctan2(wi[1], wi[0])) % 360
+    return f"wi {theta[0]:.1f}°, wo {theta[1]:.1f}°, azimuth {phi:.0f}°"
+
+
+def incidences(bsdf: Any) -> Iterator[tuple[str, Callable[[int], Any]]]:
+    """Yields the name of each incidence of a statistical test, and a function that returns n points of a surface."""
+    two_sided = bsdf.flags() & int(mi.BSDFFlags.BackSide | mi.BSDFFlags.Transmission)
+    for i, angle in enumerate(ANGLES if two_sided else ANGLES[:-1]):
+        sin, cos = float(np.sin(np.radians(angle))), float(np.cos(np.radians(angle)))
+        wi, uv = mi.Vector3f(0.8 * sin, 0.6 * sin, cos), mi.Point2f(0.3 + 0.17 * i, 0.61 - 0.2 * i)
+        dr.make_opaque(wi, uv)
+        yield f"wi {angle:.0f}°", partial(surface, wi, uv)
+
+
+def is_fibre(bsdf: Any) -> bool:
+    """Whether a lobe both reflects and transmits, as in hair, whose directions have no sides."""
+    both = int(mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.GlossyTransmission)
+    return any(bsdf.flags(i) & both == both for i in range(bsdf.component_count()))
+
+
+def turned(bsdf: Any, q: Queries) -> np.ndarray:
+    """The values after a turn of all directions about the normal."""
+    turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]], dtype=np.float32)
+    return rows(bsdf.eval(q.ctx, surface(turn @ q.wi, q.uv), mi.Vector3f(turn @ q.out)))
+
+
+def is_tilted(bsdf: Any) -> bool:
+    """Whether a map tilts the normal: the azimuth matters, and differently at different places."""
+    q = Queries(bsdf, n=2**10)
+    moved = rows(bsdf.eval(q.ctx, surface(q.wi, q.uv[::-1]), mi.Vector3f(q.out)))
+    atol = 1e-4 * float(np.nan_to_num(q.value).mean())
+    return not any(np.allclose(v, q.value, rtol=0.05, atol=atol) for v in (turned(bsdf, q), moved))
+
+
+class BSDF(Tests):
+    """Tests of a BSDF."""
+
+    SMOOTH = ("eval()",)
+
+    def test_finite(self, bsdf: Any) -> None:
+        """Values, densities and weights are finite and not negative, also at grazing angles and extreme numbers."""
+        z = np.array([1e-7, 1e-4, 1e-3, 0.03, 0.7, 1, -1e-7, -1e-3, -0.7, -1], dtype=np.float32)
+        extremes = np.array([0, 2**-24, 0.5, 1 - 2**-24], dtype=np.float32)
+        cos_i, cos_o, *u = (one.ravel() for one in np.meshgrid(z, z, extremes, extremes, extremes))
+        wi = np.stack([np.sqrt(1 - cos_i**2), 0 * cos_i, cos_i])
+        wo = np.stack([-0.8 * np.sqrt(1 - cos_o**2), 0.6 * np.sqrt(1 - cos_o**2), cos_o])
+        si, ctx = surface(wi, (0.3, 0.6)), mi.BSDFContext()
+        bs, weight = bsdf.sample(ctx, si, mi.Float(u[0]), mi.Point2f(u[1:]))
+        value, pdf = bsdf.eval_pdf(ctx, si, mi.Vector3f(wo))
+        front, back = (bsdf.flags() & int(side) != 0 for side in (mi.BSDFFlags.FrontSide, mi.BSDFFlags.BackSide))
+        inside, drawn = np.where(cos_i > 0, front, back), rows((bs.pdf > 0) & lit(weight))[0].astype(bool)
+        where = lambda i: f"{angles(wi[:, i], wo[:, i])}, sample {[float(v[i]) for v in u]}"  # noqa: E731
+        for name, values, least in (("eval()", value, 0), ("weight", weight, 0), ("pdf()", pdf, -np.inf)):
+            self.report.finite(name, rows(values, cos_i.size), where, on=inside, least=least)
+        self.report.unit("sampled directions", bs.wo, where, on=drawn)
+
+    def test_weights(self, bsdf: Any) -> None:
+        """weight = eval() / pdf(), and eval_pdf() and eval_pdf_sample() agree with the others, in each context."""
+        importance = "importance, ", mi.BSDFContext(mi.TransportMode.Importance), 0
+        for name, ctx, _ in [*contexts(bsdf, mi.BSDFContext), importance]:
+            q = Queries(bsdf, ctx)
+            drawn, wo = mi.Vector3f(q.wo), mi.Vector3f(q.out)
+            where, sampled = (lambda i, f=f, name=name: name + f(i) for f in (q.where, q.sampled))
+            self.samples(q.weight, q.pdf, bsdf.eval(ctx, q.si, drawn), bsdf.pdf(ctx, q.si, drawn), sampled, on=q.smooth)
+            value, pdf, bs, weight = bsdf.eval_pdf_sample(ctx, q.si, wo, q.u1, q.u2)
+            for test, a, b in (
+                ("eval_pdf() = eval(), pdf()", q.value, bsdf.eval(ctx, q.si, wo)),
+                ("eval_pdf() = eval(), pdf()", q.density, bsdf.pdf(ctx, q.si, wo)),
+                ("eval_pdf_sample() = eval(), pdf()", value, q.value),
+                ("eval_pdf_sample() = eval(), pdf()", pdf, q.density),
+                ("eval_pdf_sample() = sample()", weight, q.weight),
+                ("eval_pdf_sample() = sample()", bs.pdf, q.pdf),
+                ("eval() is 0 in inactive lanes", bsdf.eval(ctx, q.si, wo, mi.Bool(False)), 0),
+            ):
+                self.report.equal(test, a, b, where)
+
+    def test_lobes(self, bsdf: Any) -> None:
+        """A sample goes where its type says, the types are those of the flags, and so is where the BSDF is not 0."""
+        q, flag = Queries(bsdf), mi.BSDFFlags
+        lobes = np.array([bsdf.flags(i) for i in range(bsdf.component_count())] or [0])
+        union, kinds, allowed = int(np.bitwise_or.reduce(lobes)), int(flag.All), np.zeros(INPUTS, dtype=bool)
+        for one in lobes[lobes & int(flag.Smooth) != 0]:
+            side = np.where(q.wi[2] > 0, one & int(flag.FrontSide), one & int(flag.BackSide)) != 0
+            lobe = np.where(q.wi[2] * q.out[2] > 0, one & int(flag.Reflection), one & int(flag.Transmission)) != 0
+            allowed |= side & lobe
+        for one in lobes & kinds:
+            self.report.require("every lobe of the flags is sampled", [(q.has(one) & q.valid).any()], f"type {one:#x}")
+        worst = NOTE if is_fibre(bsdf) else FAILS
+        right = allowed | ~(q.value != 0).any(axis=0)
+        self.report.require("eval() is 0 where the flags have no lobe", right, q.where, worst=worst)
+        cos, reflects, passes = q.wi[2] * q.wo[2], q.has(flag.Reflection), q.has(flag.Transmission) | q.has(flag.Null)
+        mirrored, sines = q.wi * [[-1], [-1], [1]], [np.linalg.norm(v[:2], axis=0) for v in (q.wi, q.wo)]
+        snell = np.abs(sines[0] - q.eta * sines[1]) < 2e-3
+        half, inclined = q.wi + q.eta * q.wo, np.minimum(np.abs(q.wi[2]), np.abs(q.wo[2])) > 0.05
+        cosines = np.array([(half * v).sum(axis=0) * v[2] * half[2] for v in (q.wi, q.wo)])
+        refracts = passes & ~reflects & inclined & (np.abs(q.eta[0] - 1) > 1e-3)
+        for test, on, right, share in (
+            ("flags() = those of all components", True, bsdf.flags() == union, 0),
+            ("sampled_type is a lobe of flags()", True, q.has(kinds) & ~q.has(kinds & ~union), 0),
+            ("reflection stays on its side", reflects & ~passes, cos > -1e-4, 0),
+            ("transmission leaves its side", passes & ~reflects, cos < 1e-4, 0),
+            ("a null lobe goes straight on", q.has(flag.Null), np.abs(q.wo + q.wi) < 1e-3, 0),
+            ("eta of reflection is 1", reflects, np.abs(q.eta - 1) < 1e-5, 0),
+            ("ideal reflection mirrors wi", q.has(flag.DeltaReflection), np.abs(q.wo - mirrored) < 1e-3, 0),
+            ("ideal refraction obeys Snell's law", q.has(flag.DeltaTransmission), snell, 0),
+            ("a facet refracts wi to wo", refracts, cosines > -1e-4, 0.02),
+        ):
+            self.report.require(test, right, q.sampled, on=on & q.valid, share=share)
+        other = Queries(bsdf, mi.BSDFContext(mi.TransportMode.Importance))
+        same = passes & q.valid & other.valid & (np.abs(q.wo - other.wo).max(axis=0) < 1e-3)
+        self.report.equal("radiance = importance / eta²", q.weight, other.weight / q.eta**2, q.sampled, on=same)
+
+    def draw(self, bsdf: Any, ctx: Any, si: Any, u: Any) -> tuple[Any, Any, Any]:
+        """A sample; the density is 0 where the BSDF is black."""
+        bs, weight = bsdf.sample(ctx, si, u[0], mi.Point2f(u[1], u[2]))
+        smooth = (bs.sampled_type & int(mi.BSDFFlags.Delta)) == 0
+        return bs.wo, weight, dr.select(smooth & lit(weight), bs.pdf, 0)
+
+    def evaluate(self, bsdf: Any, ctx: Any, si: Any, wo: Any) -> tuple[Any, Any]:
+        """The value, and the density where the BSDF is not black."""
+        value, pdf = bsdf.eval_pdf(ctx, si, wo)
+        return value, dr.select(lit(value), pdf, 0)
+
+    def test_density(self, bsdf: Any) -> None:
+        """Directions of sample() have the density of pdf()."""
+        for name, ctx, flags in contexts(bsdf, mi.BSDFContext):
+            for angle, at in incidences(bsdf) if flags & int(mi.BSDFFlags.Smooth) else ():
+                self.density(name + angle, bsdf, ctx, at)
+
+    def test_means(self, bsdf: Any) -> None:
+        """No direction reflects and transmits more than arrives, and ideal lobes have their probability."""
+        delta, u = int(mi.BSDFFlags.Delta), uniform(SAMPLES, 3, 3)
+        for angle, at in incidences(bsdf):
+            ctx = mi.BSDFContext(mi.TransportMode.Importance)
+            bs, weight = bsdf.sample(ctx, at(SAMPLES), mi.Float(u[0]), mi.Point2f(u[1:]))
+            weight, pdf, kind = (rows(v, SAMPLES) for v in (weight, bs.pdf, bs.sampled_type))
+            brightest = weight[np.argmax(weight.mean(axis=1))]
+            self.report.add("albedo at most 1", where=angle, **mean_is(brightest, 0, 1.002))
+            ideal = (kind[0].astype(int) & delta != 0) & (pdf[0] > 0)
+            for stated in np.unique(pdf[0, ideal].round(4)):
+                share = mean_is(ideal & (np.abs(pdf[0] - stated) < 1e-4), stated - 1e-3, stated + 1e-3)
+                self.report.add("ideal lobes have their probability", where=f"{angle}, pdf {stated:.4f}", **share)
+
+    def test_components(self, bsdf: Any) -> None:
+        """The values of the components add up to the whole."""
+        q, ctxs = Queries(bsdf), [ctx for name, ctx, _ in contexts(bsdf, mi.BSDFContext) if name]
+        parts = [rows(bsdf.eval(ctx, q.si, mi.Vector3f(q.out)), INPUTS) for ctx in ctxs]
+        if not all(np.allclose(part, q.value) for part in parts):  # a BSDF may ignore the context's component
+            self.report.equal("components add up to the whole", sum(parts), q.value, q.where)
+
+    def test_symmetry(self, bsdf: Any) -> None:
+        """f(wi, wo) = f(wo, wi), where radiance one way is importance the other way; without a flag, a turn is
+        nothing.
+        """
+        q, tilted = Queries(bsdf), is_tilted(bsdf)
+        back = bsdf.eval(mi.BSDFContext(mi.TransportMode.Importance), surface(q.out, q.uv), mi.Vector3f(q.wi))
+        cosines = np.abs(q.wi[2]), np.abs(q.out[2])
+        steep, worst = np.minimum(*cosines) > 0.02, NOTE if tilted or is_fibre(bsdf) else FAILS
+        self.report.equal(
+            "reciprocity", q.value / cosines[1], rows(back) / cosines[0], q.where,
+            on=steep, worst=worst, tolerance=0.05, share=0.01, floor=0.02,
+        )  # fmt: skip
+        if not tilted and not bsdf.flags() & int(mi.BSDFFlags.Anisotropic):
+            test = "without the flag Anisotropic, a turn changes nothing"
+            self.report.equal(test, turned(bsdf, q), q.value, q.where, tolerance=0.03)
+
+    def test_indices(self, bsdf: Any) -> None:
+        """Light that enters from the front meets the index int_ior / ext_ior, where these are parameters."""
+        if (glass := self.subject.changed(int_ior=1.9, ext_ior=1.2)) is not None:
+            q = Queries(glass)
+            enters = q.valid & (q.wi[2] > 0) & (q.wo[2] < 0) & (q.eta[0] != 1)
+            self.report.equal("eta from the front = int_ior / ext_ior", q.eta, 1.9 / 1.2, q.sampled, on=enters)
+
+    def inputs(self, n: int) -> list[np.ndarray]:
+        """Two directions, uv and uniform numbers; two of three pairs of directions are on one side."""
+        u = 0.02 + 0.96 * uniform(n, 5, 71)
+        wi, wo = directions(n, 72), directions(n, 73)
+        wo[2] *= np.sign(wo[2] * wi[2]) * np.where(np.arange(n) % 3 == 0, -1, 1)
+        return [wi, wo, u[:2], u[2:3], u[3:]]
+
+    def values(self, bsdf: Any, wi: Any, wo: Any, uv: Any, u1: Any, u2: Any, wavelengths: Any) -> dict[str, Any]:
+        """Values, densities and weights."""
+        si, ctx = surface(wi, uv, None, wavelengths), mi.BSDFContext()
+        value, pdf = bsdf.eval_pdf(ctx, si, wo)
+        bs, weight = bsdf.sample(ctx, si, u1, u2)
+        sent = dr.select(bs.pdf > 0, weight * bs.pdf, 0)
+        return {"eval()": value, "pdf()": pdf, "weight times pdf of sample()": sent}
+
+
+#: Directions of statistical tests.
+INCIDENCES = (0.0, 0.0, 1.0), (0.48, -0.8, 0.36)
+
+
+def crossing(medium: Any, u: Any) -> Any:
+    """Interactions at sampled distances, of rays through the unit cube."""
+    n = dr.width(u)
+    ray = mi.Ray3f(mi.Point3f(uniform(n, 3, 1) * 0.2), dr.normalize(mi.Vector3f(uniform(n, 3, 2) + 0.1)))
+    return medium.sample_interaction(ray, u, mi.UInt32(0), mi.Bool(True))
+
+
+class Medium(Tests):
+    """Tests of a medium."""
+
+    def test_coefficients(self, medium: Any) -> None:
+        """Coefficients are not negative; scattering is a part of the extinction, and null collisions fill the
+        majorant.
+        """
+        mei = crossing(medium, mi.Float(uniform(INPUTS, 1, 3)[0]))
+        found = rows(mei.is_valid(), INPUTS)[0].astype(bool)
+        scattering, null, extinction = (rows(v, INPUTS) for v in medium.get_scattering_coefficients(mei))
+        majorant = rows(medium.get_majorant(mei), INPUTS)
+        least = np.minimum(np.minimum(scattering, null), extinction)
+        self.report.require("coefficients are not negative", least >= -1e-4 * majorant, on=found)
+        self.report.require("sigma_s is at most sigma_t", scattering <= extinction * 1.001 + 1e-6, on=found)
+        self.report.equal("majorant = sigma_t + sigma_n", extinction + null, majorant, on=found)
+
+    def test_distances(self, medium: Any) -> None:
+        """Sampled distances are exponential with the majorant; transmittance_eval_pdf() is their density."""
+        from mitsuba.chi2 import LineDomain
+
+        if not medium.is_homogeneous():
+            return
+
+        def sample(u: Any) -> tuple[Any, Any]:
+            mei = crossing(medium, u[0])
+            majorant = mi.unpolarized_spectrum(medium.get_majorant(mei))[0]
+            return mi.Vector1f(1 - dr.exp(-mei.t * majorant)), mi.Bool(True)
+
+        one = LineDomain([0.0, 1.0])
+        found = chi_squared(sample, lambda _: mi.Float(1), 1, one)
+        self.report.add("sampled distances are exponential", **found)
+        mei = crossing(medium, mi.Float(uniform(INPUTS, 1, 3)[0]))
+        far = interaction(mi.SurfaceInteraction3f, INPUTS, t=dr.full(mi.Float, dr.inf, INPUTS))
+        through, pdf = medium.transmittance_eval_pdf(mei, far, mi.Bool(True))
+        majorant = rows(medium.get_majorant(mei), INPUTS)
+        expected = np.exp(-majorant * rows(mei.t, INPUTS))
+        self.report.equal("transmittance is exponential", through, expected)
+        self.report.equal("pdf of a distance = majorant times transmittance", pdf, expected * majorant)
+
+
+def seen(wi: Any, n: int | None = None, wavelengths: Any = None) -> Any:
+    """Points of a medium that are seen from the directions ``wi``."""
+    n = n or dr.width(wi)
+    wi = mi.Vector3f(wi) + dr.zeros(mi.Vector3f, n)
+    fields = {"wi": wi, "sh_frame": mi.Frame3f(wi), "p": mi.Point3f(0.3, 0.6, 0.4), "t": mi.Float(1)}
+    return interaction(mi.MediumInteraction3f, n, wavelengths, **fields)
+
+
+def angle(wi: np.ndarray, wo: np.ndarray) -> Callable[[int], str]:
+    """Describes the angle between both directions of input i."""
+    return lambda i: f"angle {np.degrees(np.arccos(np.clip(wi[:, i] @ wo[:, i], -1, 1))):.1f}°"
+
+
+class PhaseFunction(Tests):
+    """Tests of a phase function."""
+
+    SMOOTH = ("eval_pdf()",)
+
+    def test_samples(self, phase: Any) -> None:
+        """Weights, densities and directions of samples fit eval_pdf()."""
+        u, wi = uniform(INPUTS, 3, 2), directions(INPUTS, 3)
+        for _, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
+            wo, weight, pdf = self.draw(phase, ctx, seen(wi), mi.Vector3f(u))
+            where = angle(wi, rows(wo, INPUTS))
+            self.report.finite("weight", weight, where)
+            self.report.unit("sampled directions", wo, where)
+            self.samples(weight, pdf, *self.evaluate(phase, ctx, seen(wi), wo), where)
+
+    def draw(self, phase: Any, ctx: Any, mei: Any, u: Any) -> tuple[Any, Any, Any]:
+        """A sample."""
+        return phase.sample(ctx, mei, u[0], mi.Point2f(u[1], u[2]))
+
+    def evaluate(self, phase: Any, ctx: Any, mei: Any, wo: Any) -> tuple[Any, Any]:
+        """The value and the density."""
+        return phase.eval_pdf(ctx, mei, wo)
+
+    def test_density(self, phase: Any) -> None:
+        """Directions of sample() have the density of eval_pdf(), which integrates to 1."""
+        u = mi.Vector3f(uniform(SAMPLES, 3, 5))
+        for direction in INCIDENCES:
+            wi = mi.Vector3f(*direction)
+            dr.make_opaque(wi)
+            for name, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
+                self.density(f"{name}wi {direction}", phase, ctx, partial(seen, wi))
+            weight = rows(self.draw(phase, mi.PhaseFunctionContext(), seen(wi, SAMPLES), u)[1], SAMPLES)[0]
+            self.report.add("the integral is 1", where=f"wi {direction}", **mean_is(weight, 0.997, 1.003))
+
+    def test_symmetry(self, phase: Any) -> None:
+        """Light takes each path both ways; without the flag of anisotropy, only the angle matters."""
+        ctx, flag = mi.PhaseFunctionContext(), mi.PhaseFunctionFlags
+        wi, wo = directions(INPUTS, 6), directions(INPUTS, 7)
+        turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]], dtype=np.float32)
+        pairs = (wi, wo), (wo, wi), (turn @ wi, turn @ wo)
+        there, back, turned = (rows(phase.eval_pdf(ctx, seen(a), mi.Vector3f(b))[0]) for a, b in pairs)
+        if phase.flags() & int(flag.Microflake):
+            there, back = (v * rows(phase.projected_area(seen(one))) for v, one in ((there, wi), (back, wo)))
+            right = rows(phase.projected_area(seen(wi))) <= rows(phase.max_projected_area()).max() * 1.001
+            self.report.require("projected_area() is at most max_projected_area()", right)
+        self.report.equal("reciprocity", there, back, angle(wi, wo), tolerance=0.03)
+        if not phase.flags() & int(flag.Anisotropic | flag.Microflake):
+            self.report.equal("without the flag Anisotropic, a turn changes nothing", turned, there, angle(wi, wo))
+
+    def inputs(self, n: int) -> list[np.ndarray]:
+        """Two directions, and uniform numbers."""
+        u = 0.02 + 0.96 * uniform(n, 3, 8)
+        return [directions(n, 9), directions(n, 10), u[:1], u[1:]]
+
+    def values(self, phase: Any, wi: Any, wo: Any, u1: Any, u2: Any, wavelengths: Any) -> dict[str, Any]:
+        """Value and density, and the weight of a sample."""
+        mei, ctx = seen(wi, None, wavelengths), mi.PhaseFunctionContext()
+        value, pdf = phase.eval_pdf(ctx, mei, wo)
+        _, weight, _ = phase.sample(ctx, mei, u1, u2)
+        return {"eval_pdf()": value, "pdf of eval_pdf()": pdf, "weight of sample()": weight}

@@ -1,0 +1,219 @@
+"""The tests of all kinds of plugins: samples against densities, and plugins that are loaded again in other variants,
+with other parameters, and with derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..scene import session
+from .inputs import rows, to_drjit
+from .report import FAILS, NOTE, OK, SKIPPED, Report
+from .statistics import chi_squared
+from .subject import REFUSED, Subject
+
+#: Number of inputs, of groups of four wavelengths for each input, and of inputs of derivatives.
+INPUTS, GROUPS, DERIVATIVES = 48, 32, 512
+
+Values = dict[str, np.ndarray]
+
+
+class Tests:
+    """The tests of a kind of plugins: the methods ``test_...``, which run in each of the :meth:`cases`.
+
+    A kind that has ``inputs`` and ``values`` is also loaded again, by the methods ``again_...``: ``values`` returns
+    name -> value for the arrays of ``inputs``. ``LIGHT`` tells whether spectra may be light or reflectances, and
+    ``SMOOTH`` names the values that have derivatives. A kind that samples directions has ``draw``, which returns
+    direction, weight and density (0 for ideal lobes), and ``evaluate``, which returns value and density.
+    """
+
+    LIGHT: tuple[bool, ...] = (False,)
+    SMOOTH: tuple[str, ...] = ()
+    inputs: Callable[[int], list[np.ndarray]]
+    values: Callable[..., dict[str, Any]]
+    draw: Callable[..., tuple[Any, Any, Any]]
+    evaluate: Callable[..., tuple[Any, Any]]
+
+    def __init__(self, subject: Subject, report: Report) -> None:
+        self.subject, self.report = subject, report
+
+    def prepared(self, loaded: Any) -> Any:
+        """The plugin, in a scene if its kind needs one."""
+        return loaded
+
+    def cases(self) -> Iterator[Any]:
+        """What each test gets in turn."""
+        yield self.prepared(self.subject.load())
+
+    def tests(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        """Yields the name of each test, and a function that runs it."""
+        for name in [*vars(type(self)), *vars(Tests)]:
+            group, _, words = name.partition("_")
+            if group == "test":
+                yield words.replace("_", " "), partial(self.run, getattr(self, name))
+            if group == "again" and hasattr(self, "values"):
+                yield words, getattr(self, name)
+
+    def run(self, test: Callable[[Any], None]) -> None:
+        """Runs a test in each case."""
+        for case in self.cases():
+            test(case)
+
+    def density(self, where: str, plugin: Any, ctx: Any, at: Callable[[int], Any]) -> None:
+        """Samples of :meth:`draw` have the density of :meth:`evaluate`; ``at(n)`` returns n equal interactions."""
+
+        def sample(u: Any) -> tuple[Any, Any]:
+            direction, _, pdf = self.draw(plugin, ctx, at(dr.width(u)), u)
+            return direction, pdf > 0
+
+        def pdf(direction: Any) -> Any:
+            return self.evaluate(plugin, ctx, at(dr.width(direction)), direction)[1]
+
+        self.report.add("samples follow pdf()", where=where, **chi_squared(sample, pdf))
+
+    def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = "", on: Any = True) -> None:
+        """Weights and densities of samples are those of ``value`` and the ``stated`` density."""
+        self.report.equal("weight of a sample = eval() / pdf()", rows(weight) * rows(pdf), value, where, on=on)
+        self.report.equal("pdf of a sample = pdf()", pdf, stated, where, on=on)
+
+    def evaluated(self, plugin: Any, light: bool = False) -> Values:
+        """The values of fixed inputs, each an array (channels, n); in spectral variants as RGB."""
+        inputs = self.inputs(INPUTS)
+        if not dr.is_jit_v(mi.Float):
+            lanes = [self.values(plugin, *(to_drjit(one[:, i]) for one in inputs), None) for i in range(INPUTS)]
+            return {name: np.hstack([rows(row[name], 1) for row in lanes]) for name in lanes[0]}
+        if not mi.is_spectral:
+            found = self.values(plugin, *map(to_drjit, inputs), None)
+            return {name: rows(value, INPUTS) for name, value in found.items()}
+        spectrum = np.linspace(360, 830, 4 * GROUPS)
+        wavelengths = mi.UnpolarizedSpectrum(np.tile(spectrum.reshape(4, GROUPS), INPUTS))
+        found = self.values(plugin, *(to_drjit(np.repeat(one, GROUPS, axis=1)) for one in inputs), wavelengths)
+
+        def colours(values: np.ndarray) -> np.ndarray:
+            if len(values) != 4:
+                return values[:, ::GROUPS]
+            lanes = values.reshape(4, INPUTS, GROUPS).transpose(1, 0, 2).reshape(INPUTS, -1)
+            return np.array([np.array(mi.spectrum_list_to_srgb(spectrum, lane, False, not light)) for lane in lanes]).T
+
+        return {name: colours(rows(value, INPUTS * GROUPS)) for name, value in found.items()}
+
+    def loaded(self, **changes: Any) -> Values:
+        """The values of the plugin with other parameters; no values if it refuses them."""
+        loaded = self.subject.changed(**changes)
+        return {} if loaded is None else self.evaluated(self.prepared(loaded))
+
+    def compare(self, test: str, values: Values, expected: Values, how: str) -> None:
+        """Adds whether two results of :meth:`evaluated` agree; loosely for colours of variants that have other ones."""
+        grey = {name: np.ptp(v, axis=0).max() <= 0.01 * v.max() for name, v in expected.items()}
+        exact = "mono" not in how and "spectral" not in how
+        for name in expected.keys() & values.keys():
+            a, b = values[name], expected[name]
+            if not exact and len(b) == 1 and not all(grey.values()):
+                continue  # a density may depend on the luminance of colours
+            if not exact and (len(a) != len(b) or not grey[name]):
+                a, b = (mi.luminance(mi.Color3f(v)) if len(v) == 3 else v for v in (a, b))
+            tolerance, floor, share = (0.02, 2e-3, 0.15) if exact or grey[name] else (0.6, 0.05, 0.4)
+            self.report.equal(test, a, b, f"{name}, {how}", tolerance=tolerance, floor=floor, share=share)
+
+    def numbers(self) -> Iterator[tuple[str, str, Any]]:
+        """Yields the key, the property and the value of each number and colour that is exposed and also a property."""
+        parameters = mi.traverse(self.subject.load())
+        for key in parameters.keys():  # noqa: SIM118 (iterating reads the values, and fails for None)
+            name = key.removesuffix(".value")
+            if "." in name or name == "sampling_weight" or parameters.flags(key) & int(mi.ParamFlags.ReadOnly):
+                continue
+            try:
+                value = parameters[key]
+                if isinstance(value, (float, mi.Float, mi.Color3f)) and dr.width(value) == 1:
+                    self.subject.load(**{name: as_property(value)})
+                    yield key, name, value
+            except REFUSED:
+                continue
+
+    def again_updates(self) -> None:
+        """A parameter that is updated after loading has the effect of a parameter that is loaded; a lamp may be
+        black.
+        """
+        exposed = list(self.numbers())
+        given = {name: as_property(value) for _, name, value in exposed}
+        for key, name, value in exposed:
+            for start in (value, value * 0) if self.LIGHT == (True,) else (value,):
+                new = value * 0.7 + 0.05
+                expected = self.loaded(**given | {name: as_property(new)})
+                if not expected or (loaded := self.subject.changed(**given | {name: as_property(start)})) is None:
+                    continue
+                plugin, parameters = self.prepared(loaded), mi.traverse(loaded)
+                if key in parameters and type(parameters[key]) is type(new):
+                    parameters[key] = new
+                    parameters.update()
+                    where = f"{key} = {as_property(new)}"
+                    self.compare("updated = loaded", self.evaluated(plugin), expected, where)
+
+    def again_derivatives(self) -> None:
+        """Derivatives with respect to exposed values are those of differences, where the step does not matter."""
+        inputs = [to_drjit(one) for one in self.inputs(DERIVATIVES)]
+        for key, _, value in self.numbers() if "_ad_" in (mi.variant() or "") else ():
+            loaded = self.subject.load()
+            plugin, parameters = self.prepared(loaded), mi.traverse(loaded)
+            size = np.abs(np.array(value))
+            if parameters.flags(key) & int(mi.ParamFlags.NonDifferentiable) or not size.min():
+                continue
+
+            def changed(offset: Any) -> dict[str, Any]:
+                parameters[key] = value + offset  # noqa: B023 (called here)
+                parameters.update()  # noqa: B023
+                found = self.values(plugin, *inputs, None)  # noqa: B023
+                return {name: mi.unpolarized_spectrum(found[name]) for name in self.SMOOTH if name in found}
+
+            h, offset = 0.01 * float(size.max()), mi.Float(0)
+            more, less, half = ({k: rows(v, DERIVATIVES) for k, v in changed(step).items()} for step in (h, -h, h / 2))
+            dr.enable_grad(offset)
+            exact = changed(offset)
+            dr.forward(offset, flags=dr.ADFlag.ClearNone)
+            for name, found in exact.items():
+                difference, nearer = (more[name] - less[name]) / (2 * h), (half[name] - less[name]) / (1.5 * h)
+                total = max(np.abs(difference).sum(), 1e-6 * difference.size)
+                if np.abs(nearer - difference).sum() <= 0.2 * total:
+                    wrong = np.abs(rows(dr.grad(found), DERIVATIVES) - difference).sum() / total
+                    verdict = OK if wrong < 0.1 else NOTE if wrong < 0.5 else FAILS
+                    statistic = f"they differ by {wrong:.1%}"
+                    self.report.add("derivatives = differences", verdict, statistic, f"{name} by {key}")
+
+    def again_extremes(self) -> None:
+        """Values stay finite and not negative with extreme parameters, unless the plugin refuses them."""
+        for _, name, value in self.numbers():
+            for extreme in (1e-3, 1.0):
+                for found in self.loaded(**{name: as_property(value * 0 + extreme)}).values():
+                    right = np.isfinite(found) & (found >= -0.05 * found.max())
+                    self.report.require("finite with extreme parameters", right, f"{name} = {extreme}")
+
+    def again_variants(self) -> None:
+        """The plugin returns the same values in all variants of this device: scalar, mono, spectral, polarised."""
+        before = mi.variant() or ""
+        expected, device = self.evaluated(self.prepared(self.subject.load())), before.partition("_")[0]
+        for variant in ["scalar_rgb", *(f"{device}_ad_{c}" for c in ("mono", "spectral", "spectral_polarized"))]:
+            if variant == before or variant not in mi.variants() or not session.has_backend(variant):
+                continue
+            with self.subject.other_variant(variant):
+                try:
+                    plugin = self.prepared(self.subject.load())
+                    found = [self.evaluated(plugin, light) for light in self.LIGHT]
+                except REFUSED as error:
+                    text = f"{variant}: {session.message(error).strip() or error!r}"
+                    self.report.add("variants agree", SKIPPED, text)
+                    continue
+            # A texture's spectrum may be a reflectance or light: one of both has the colours.
+            nearest = min(found, key=lambda one: sum(np.abs(v - expected[n]).sum() for n, v in one.items()))
+            self.compare("variants agree", nearest, expected, variant)
+
+
+def as_property(value: Any) -> Any:
+    """A number or a colour as a property of ``mi.Properties``."""
+    array = np.array(value, dtype=float).ravel()
+    return float(array[0]) if array.size == 1 else mi.ScalarColor3f(*map(float, array))

@@ -19,7 +19,7 @@ SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
 
 #: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
 #: estimate the error badly.
-GROWTH = 8
+GROWTH = 4
 #: Maximum ratio of the samples after a pass to the samples before, if the error estimate is uncertain: the estimate
 #: may be too large.
 UNCERTAIN_GROWTH = 1.4

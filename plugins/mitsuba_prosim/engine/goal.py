@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from .error_target import ErrorTarget, mean, next_counts, remaining_factor
+from .error_target import GROWTH, ErrorTarget, mean, next_counts, remaining_factor
 from .image import Image, Noise, SecondImage
 from .plan import UNLIMITED, area
 from .work import Wanted
@@ -57,9 +57,8 @@ Measure: TypeAlias = Callable[[Image, SecondImage, ErrorTarget], Measurement]
 class PolicyGoal:
     """Ends a render after the decisions of the adaptive-sampling policy, the number of which is fixed."""
 
-    #: Number of samples of an image up to which the samples before the first decision are one pass; maximum ratio of
-    #: the samples after a decision to the samples before, while another decision follows.
-    LONG, GROWTH = 1 << 22, 4
+    #: Number of samples of an image up to which the samples before the first decision are one pass.
+    LONG = 1 << 22
 
     def __init__(self, target: ErrorTarget) -> None:
         self.target = target
@@ -82,7 +81,7 @@ class PolicyGoal:
             left = policy.rounds - image.rounds - 1
             wanted = image.counts_for(image.request(left * policy.reach))
             if left:  # few samples give unreliable estimates
-                wanted = np.minimum(wanted, np.maximum(self.GROWTH * np.array(image.accumulators.count), plan.n**2))
+                wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(image.accumulators.count), plan.n**2))
             image.begin_round(image.counts_of_part(wanted, left * policy.reach))
         assert image.wanted is not None
         expected = most if image.rounds < policy.rounds else float(image.wanted.sum(dtype=np.int64))
@@ -94,7 +93,7 @@ class PolicyGoal:
         """
         numbers = [image.policy.first_samples]
         while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
-            numbers.insert(0, -(-numbers[0] // self.GROWTH**2))
+            numbers.insert(0, -(-numbers[0] // GROWTH**2))
         for number in numbers:
             yield Pass([(image, image.one * np.uint32(number))], image.most_samples)
 

@@ -23,11 +23,11 @@ from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
 from .recorder import HIDDEN, VISIBLE, Recorder
 
-#: Number of pairs of samples by which a share is estimated.
-PAIRS = 1024
+#: Number of pairs of samples by which a share is estimated: many, because rare bright samples may have most of it.
+PAIRS = 8192
 #: Dimension -> what it means, and what would reduce its noise. The first three are the spaces of the camera, in order.
 DIMENSIONS = {
-    "pixel": ("the place in the pixel, at an edge or in a texture", "more samples"),
+    "pixel": ("the place in the pixel", "more samples"),
     "lens": ("the point on the lens", "more samples, or a smaller lens"),
     "time": ("the time", "more samples, or a shorter exposure"),
     "lobe": ("the directions of rays from surfaces", "more samples, and photons (caustics) if the rays look for lamps"),
@@ -111,7 +111,11 @@ def sentences(found: dict[str, float], recorder: Recorder, weights: np.ndarray, 
         return ("All samples are equal, so the pixel has no noise.",)
     order = sorted(found, key=found.__getitem__, reverse=True)
     carried = [f"{DIMENSIONS[name][0]} ({found[name]:.0%})" for name in order if found[name] >= 0.05]
-    said = [f"What carries the variance: {'; '.join(carried)}."] if carried else []
+    # The shares come from other samples than those that the page shows, which may lack rare bright ones.
+    by = f"What carries the variance, by {PAIRS:,} pairs of further samples"
+    said = [f"{by}: {'; '.join(carried)}."] if carried else []
+    if sum(found.values()) > 1.1:
+        said.append("The shares overlap, because some of these random numbers matter only together.")
     if found[order[0]] < 0.5:
         said.append("No single kind of random numbers carries half of it.")
     which = f"the {count} samples" if count > 1 else "the sample"

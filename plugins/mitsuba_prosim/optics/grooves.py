@@ -22,7 +22,8 @@ import mitsuba as mi
 from .facets import SHORTEST, Distribution, facet_between, torrance_sparrow
 
 #: Share of the facets that are so steep that light reflected between them is neglected: there is no limit to the number
-#: of reflections.
+#: of reflections. The light of the next share as large rises with the angle from 0, because a jump at an angle that
+#: depends on the roughness would be missing in the derivatives by the roughness.
 STEEP = 5e-4
 
 
@@ -33,9 +34,9 @@ def across_edge(x: mi.Float, y: mi.Float) -> mi.Vector3f:
     return mi.Vector3f(dr.select(square > SHORTEST, x * inverse, 1), y * inverse, 0)
 
 
-def least_angle(distribution: Distribution, roughness: mi.Float) -> mi.Float:
-    """Returns the angle psi of which all facets but ``STEEP`` have more, in radians."""
-    sin, cos = distribution.polar(mi.Float(1 - STEEP), roughness)
+def least_angle(distribution: Distribution, roughness: mi.Float, share: float = STEEP) -> mi.Float:
+    """Returns the angle psi of which all facets but a ``share`` have more, in radians."""
+    sin, cos = distribution.polar(mi.Float(1 - share), roughness)
     return dr.atan2(cos, sin)
 
 
@@ -86,7 +87,7 @@ def reflect_again(
     scale = dr.rcp(2 * wi.z * dr.maximum(dr.sqrt(x * x + y * y), 1e-6))
     middle = reflectance(facet_between(wi, wo, mi.Float(1)).i_m)
     # Either facet may be the first, and k is even or odd. For each of the four, all k up to a largest one contribute.
-    least = least_angle(distribution, roughness)
+    least, full = (least_angle(distribution, roughness, share) for share in (STEEP, 2 * STEEP))
     kinds, total = [], mi.Float(0)
     for sign_i, sign_o, lowest in ((1, -1, 2), (-1, 1, 2), (1, 1, 3), (-1, -1, 3)):
         a, e = sign_i * i, sign_o * o
@@ -109,7 +110,7 @@ def reflect_again(
         beam = dr.minimum(first, last) - dr.maximum(dr.maximum(across_i - up_i, across_o - up_o), 0)
         density = distribution.D(mi.Vector3f(cos, 0, sin), roughness) * cos * dr.maximum(beam, 0) * scale / k
         f = reflectance(first)
-        remaining = f * reflectance(last) * power(middle, k - 2)
+        remaining = f * reflectance(last) * power(middle, k - 2) * dr.clip((psi - least) / (full - least), 0, 1)
         return number + 1, value + remaining * density, pdf + probability(f) * density
 
     # A loop that only sums up from zero has derivatives without a limit to its iterations.

@@ -13,23 +13,24 @@ from prosim_start.group import prosim
 QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("texture", "mean"), ("phase", "weight")]
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
-    "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified thinlens gaussian hdrfilm homogeneous "
+    "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified gaussian hdrfilm homogeneous "
     "prosim_lambertian prosim_composite prosim_area prosim_point prosim_denoised srgb"
 )
 LITERAL, SPOT = {"normalized": False}, {"distribution": "spot", "exponent": 6.0, "angle": 60.0}
-#: Parameters of plugins of this package.
-OURS = {
+#: Plugins with parameters.
+SETS = {
     "prosim_conductor": [{}, {"alpha": 0.3}, {"exponent": 3.0}, {"alpha": 0.3, "distribution": "gaussian"}],
-    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0}, {"int_cauchy": "1.2, 0.08", "alpha": 0.25}],
+    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0}],
     "prosim_composite": [{"alpha": 0.4}, {"exponent": 20.0}, {"alpha": 1.0, "distribution": "gaussian"}],
     "prosim_phong": [{"exponent": 0.0}, {"exponent": 20.0}, {"exponent": 5.0, **LITERAL}],
     "prosim_area": [SPOT, {"distribution": "cone", "angle": 25.0}],
     "prosim_point": [SPOT, {"distribution": "cone", "angle": 25.0}],
+    "thinlens": [{"aperture_radius": 0.1}],
     "prosim_stripes": [{"smoothing": 0.1}],
     "prosim_brick": [{"smoothing": 0.1}],
     "prosim_fractal": [{"smoothing": 0.1, "octaves": 3}],
 }
-OURS = [{"type": name, **parameters} for name, sets in OURS.items() for parameters in sets]
+OURS = [{"type": name, **parameters} for name, sets in SETS.items() for parameters in sets]
 #: Colours of both lobes: polarised variants once had those of one wavelength.
 COLOURS = {
     "diffuse_reflectance": {"type": "rgb", "value": [0.15, 0.062, 0.379]},

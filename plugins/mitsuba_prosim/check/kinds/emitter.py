@@ -219,6 +219,7 @@ class Emitter(Tests):
         if lamp.ideal:
             return {"light by sample_direction()": weight}
         fields = {"wi": dr.normalize(p), "uv": u, "t": mi.Float(dr.inf if lamp.infinite else 1)}
+        fields |= {"n": mi.Normal3f(0, 0, 1), "sh_frame": mi.Frame3f(mi.Vector3f(0, 0, 1))}
         si = interaction(mi.SurfaceInteraction3f, dr.width(p), wavelengths, **fields)
         found = {"eval()": lamp.emitter.eval(si)}
         if "rgb" not in mi.variant():

@@ -127,6 +127,8 @@ class Samples:
     values: np.ndarray
     notes: list[str]
     shares: dict[str, float] = field(default_factory=dict)
+    #: Sum of the channels of the brightest of the further samples from which the shares are estimated.
+    brightest: float = 0.0
 
     @classmethod
     def of(
@@ -165,13 +167,15 @@ class Samples:
             estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
             plan = Plan.of(sampling, film, seed, spp)
+            if plan.policy.first_samples < plan.max_samples:
+                notes.append("The image is adaptive: this pixel may have fewer or more samples there.")
             left, top = map(int, film.crop_offset())
             recorder, where = Recorder(estimator.transport, names or {}), (x + left, y + top)
             kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
             samples = cls(recorder, estimator, plan, pixel, where, tuple(kept), np.empty((0,)), notes)
             with window:  # a render takes its samples without it, too
                 samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES))
-                samples.shares = noise.shares(estimator, plan, *where)
+                samples.shares, samples.brightest = noise.shares(estimator, plan, *where, len(kept))
         return samples
 
     def _take(self, count: int) -> None:
@@ -210,7 +214,8 @@ class Samples:
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         seed = int(self.plan.seed[0])
-        told = noise.sentences(self.shares, self.recorder, *self.deviations())
+        brighter = self.brightest / max(float(self.values.sum(axis=1).max()), 1e-30)
+        told = noise.sentences(self.shares, brighter, self.recorder, *self.deviations())
         light = noise.origins(self.recorder, count)
         return Explanation(
             self.pixel, seed, self.channels, values, mean, sample, nodes, light, self.shares, told, tuple(notes)

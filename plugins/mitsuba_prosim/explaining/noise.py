@@ -81,9 +81,10 @@ class Pair:
         return dr.select(space < CAMERA_SPACES, space, of_node) == self.which
 
 
-def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]:
+def shares(estimator: Estimator, plan: Plan, x: int, y: int, channels: int) -> tuple[dict[str, float], float]:
     """Returns the share of each of the :data:`DIMENSIONS` in the variance of the luminance of the pixel (x, y) of the
-    whole film; an empty dictionary if the samples are equal.
+    whole film, and the greatest sum of the first ``channels`` channels of a sample. The dictionary is empty if the
+    samples are equal.
     """
     lanes = dr.arange(mi.UInt32, PAIRS * (len(DIMENSIONS) + 1))
     one, other = (replace(plan, uses_sobol=True, shared=0, seed=hash32(plan.seed + number)) for number in (1, 2))
@@ -92,20 +93,28 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int) -> dict[str, float]
     # The last group of lanes differs in no dimension.
     which, spaces = lanes // PAIRS, NODE_SPACES + transport.lights.count
     pairs: Any = SimpleNamespace(points=lambda *at: Pair(one.points(*at), other.points(*at), which, spaces))
-    luminances = np.array(estimator.sample(pairs, *where, lanes % PAIRS)[1], np.float64)
-    values = np.broadcast_to(luminances, len(lanes)).reshape(-1, PAIRS)  # one value if the scene is empty
+    taken, luminance, _ = estimator.sample(pairs, *where, lanes % PAIRS)
+    # One value if the scene is empty.
+    values, light = (
+        np.broadcast_to(np.array(v, np.float64), len(lanes)).reshape(-1, PAIRS)
+        for v in (luminance, sum(taken[:channels], mi.Float(0)))
+    )
     variance = float(values[-1].var())
     if not variance > (1e-4 * values[-1].mean()) ** 2:
-        return {}
+        return {}, float(light[-1].max())
     effects = np.mean((values[:-1] - values[-1]) ** 2, axis=1) / (2 * variance)
-    return dict(zip(DIMENSIONS, np.minimum(effects, 1).tolist()))  # an estimate may be greater, a share may not
+    # An estimate may be greater than 1, a share may not.
+    return dict(zip(DIMENSIONS, np.minimum(effects, 1).tolist())), float(light[-1].max())
 
 
-def sentences(found: dict[str, float], recorder: Recorder, weights: np.ndarray, count: int) -> tuple[str, ...]:
+def sentences(
+    found: dict[str, float], brighter: float, recorder: Recorder, weights: np.ndarray, count: int
+) -> tuple[str, ...]:
     """Returns sentences on the noise of a pixel: which dimensions carry it, where the outliers come from, and what
     would help.
 
-    ``found`` are the :func:`shares`; ``weights`` and ``count`` are those of :meth:`.Samples.deviations`.
+    ``found`` are the :func:`shares`, and ``brighter`` is the ratio of the brightest sample among theirs to the
+    brightest sample of the pixel; ``weights`` and ``count`` are those of :meth:`.Samples.deviations`.
     """
     if not found:
         return ("All samples are equal, so the pixel has no noise.",)
@@ -118,6 +127,9 @@ def sentences(found: dict[str, float], recorder: Recorder, weights: np.ndarray, 
         said.append("The shares overlap, because some of these random numbers matter only together.")
     if found[order[0]] < 0.5:
         said.append("No single kind of random numbers carries half of it.")
+    if brighter > 1.5:
+        times = f"{brighter:.2g} times as bright as" if brighter < 1000 else "much brighter than"
+        said.append(f"The brightest further sample is {times} any sample here; more samples would show such.")
     which = f"the {count} samples" if count > 1 else "the sample"
     light = noisiest_light(recorder, weights)
     said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")

@@ -19,7 +19,7 @@ from mitsuba_prosim.scene.scene_file import SceneFile
 pytestmark = pytest.mark.slow
 
 RED, BLUE = LITTLE, LITTLE.replace("kd = 0.6 0.2 0.1", "kd = 0.1 0.2 0.6")
-LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 40")
+LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 100")
 
 
 def final(viewer, name="own"):

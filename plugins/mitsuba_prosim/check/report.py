@@ -59,9 +59,16 @@ class Report:
         self.results.append(Result(*values, **more))
 
     def require(
-        self, test: str, right: Any, where: Any = "", *, on: Any = True, share: float = 0.0, worst: str = FAILS,
+        self,
+        test: str,
+        right: Any,
+        where: Any = "",
+        *,
+        on: Any = True,
+        share: float = 0.0,
+        worst: str = FAILS,
         found: Callable[[int], str] = lambda i: "not so",
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
         columns ``on``, if there are any; the ``share`` of them may be false.
 
@@ -78,14 +85,22 @@ class Report:
             self.add(test, OK, f"{count} inputs agree" if count > 1 else "")
 
     def equal(
-        self, test: str, values: Any, expected: Any, where: Any = "", *, on: Any = True, tolerance: float = 0.02,
-        floor: float = 1e-4, share: float = 0.005, worst: str = FAILS,
-    ) -> None:  # fmt: skip
+        self,
+        test: str,
+        values: Any,
+        expected: Any,
+        where: Any = "",
+        *,
+        on: Any = True,
+        tolerance: float = 0.02,
+        floor: float = 1e-4,
+        **limits: Any,
+    ) -> None:
         """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit, in the columns ``on``.
 
         Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
-        mean of ``expected``. Not more than the ``share`` of the columns may differ, because a few inputs lie where
-        single precision is coarse.
+        mean of ``expected``. ``limits`` are ``share`` and ``worst`` of :meth:`require`; by default 0.5 % of the columns
+        may differ, because a few inputs lie where single precision is coarse.
         """
         values, expected, on = np.broadcast_arrays(rows(values), rows(expected), np.atleast_2d(on).all(axis=0))
         if not (on := on[0]).any():
@@ -99,7 +114,7 @@ class Report:
             channel = int(np.argmin(right[:, i]))
             return f"{values[channel, i]:.4g} instead of {expected[channel, i]:.4g}"
 
-        self.require(test, right, where, on=on, share=share, worst=worst, found=found)
+        self.require(test, right, where, on=on, found=found, **{"share": 0.005, **limits})
 
     def finite(self, name: str, values: Any, where: Any = "", *, on: Any = True, least: float = 0.0) -> None:
         """Adds whether values are finite, and not below ``least``."""

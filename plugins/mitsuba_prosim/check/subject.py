@@ -20,10 +20,18 @@ from ..scene import scene_file, session
 
 #: The kinds of plugins that have tests: name -> name of Mitsuba's class and object type.
 KINDS = {
-    "bsdf": "BSDF", "emitter": "Emitter", "texture": "Texture", "phase": "PhaseFunction", "shape": "Shape",
-    "sampler": "Sampler", "sensor": "Sensor", "integrator": "Integrator", "medium": "Medium", "film": "Film",
+    "bsdf": "BSDF",
+    "emitter": "Emitter",
+    "texture": "Texture",
+    "phase": "PhaseFunction",
+    "shape": "Shape",
+    "sampler": "Sampler",
+    "sensor": "Sensor",
+    "integrator": "Integrator",
+    "medium": "Medium",
+    "film": "Film",
     "rfilter": "ReconstructionFilter",
-}  # fmt: skip
+}
 
 #: What plugins cannot be loaded without, if only numbers and texts are given; volpath is the reference of images.
 DEFAULTS: dict[str, dict[str, Any]] = {

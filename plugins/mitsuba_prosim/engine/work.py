@@ -211,9 +211,9 @@ def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
         seed = dr.gather(mi.UInt32, pixels.plan.seed, seed_index, own)
         values = (*dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index, own), seed)
         lanes = values if lanes is None else dr.select(own, values, lanes)
-        dr.eval(index, own, lanes)
         sets.append((pixels, index, own))
         begin += len(numbers)
+    dr.eval(lanes, [(index, own) for _, index, own in sets])
     x, y, start, seed = lanes
     end = dr_array(np.concatenate([numbers for _, numbers in wanted])[some])
 

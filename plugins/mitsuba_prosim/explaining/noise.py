@@ -94,11 +94,10 @@ def shares(estimator: Estimator, plan: Plan, x: int, y: int, channels: int) -> t
     which, spaces = lanes // PAIRS, NODE_SPACES + transport.lights.count
     pairs: Any = SimpleNamespace(points=lambda *at: Pair(one.points(*at), other.points(*at), which, spaces))
     taken, luminance, _ = estimator.sample(pairs, *where, lanes % PAIRS)
+    results = luminance, sum(taken[:channels], mi.Float(0))
+    dr.eval(results)  # together, in one kernel
     # One value if the scene is empty.
-    values, light = (
-        np.broadcast_to(np.array(v, np.float64), len(lanes)).reshape(-1, PAIRS)
-        for v in (luminance, sum(taken[:channels], mi.Float(0)))
-    )
+    values, light = (np.broadcast_to(np.array(v, np.float64), len(lanes)).reshape(-1, PAIRS) for v in results)
     variance = float(values[-1].var())
     if not variance > (1e-4 * values[-1].mean()) ** 2:
         return {}, float(light[-1].max())

@@ -223,9 +223,16 @@ class BSDF(Tests):
         cosines = np.abs(q.wi[2]), np.abs(q.out[2])
         steep, worst = np.minimum(*cosines) > 0.02, NOTE if tilted or is_fibre(bsdf) else FAILS
         self.report.equal(
-            "reciprocity", q.value / cosines[1], rows(back) / cosines[0], q.where,
-            on=steep, worst=worst, tolerance=0.05, share=0.01, floor=0.02,
-        )  # fmt: skip
+            "reciprocity",
+            q.value / cosines[1],
+            rows(back) / cosines[0],
+            q.where,
+            on=steep,
+            worst=worst,
+            tolerance=0.05,
+            share=0.01,
+            floor=0.02,
+        )
         if not tilted and not bsdf.flags() & int(mi.BSDFFlags.Anisotropic):
             test = "without the flag Anisotropic, a turn changes nothing"
             self.report.equal(test, turned(bsdf, q), q.value, q.where, tolerance=0.03)

@@ -60,9 +60,14 @@ class Texture(Tests):
         right, left, up, down = (rows(texture.eval_1(at(shift)), INPUTS) for shift in shifts)
         difference = np.concatenate([right - left, up - down]) / (2 * h)
         self.report.equal(
-            "eval_1_grad() = differences", texture.eval_1_grad(at(uv)), difference, place("uv", uv),
-            tolerance=0.05, share=0.25, floor=0.05,
-        )  # fmt: skip
+            "eval_1_grad() = differences",
+            texture.eval_1_grad(at(uv)),
+            difference,
+            place("uv", uv),
+            tolerance=0.05,
+            share=0.25,
+            floor=0.05,
+        )
 
     def test_mean(self, texture: Any) -> None:
         """mean() is the mean of eval(), and a texture that depends on uv says so."""

@@ -254,6 +254,7 @@ def test_click_opens_the_page_that_explains_the_pixel(page, address):
     with page.expect_popup() as popup:
         page.mouse.click(shown_at["x"] + 20.5 / 64 * shown_at["width"], shown_at["y"] + 26.5 / 48 * shown_at["height"])
     explained, said = popup.value, []
+    explained.wait_for_load_state()  # a page that is still opening can't be reloaded
     explained.on("console", lambda message: said.append(message.text))
     explained.on("request", lambda request: said.append(request.url))
     explained.reload()

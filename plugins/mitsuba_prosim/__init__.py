@@ -26,10 +26,7 @@ LAZY = {"denoise": "denoising", "explain": "explaining.explanation", "render": "
 
 
 def __getattr__(name: str) -> Any:
-    """Imports the function ``name`` of this package, one of :data:`LAZY`, and returns it.
-
-    Raises AttributeError for other names.
-    """
+    """Imports a function of this package, one of :data:`LAZY`. Raises AttributeError for other names."""
     if name in LAZY:
         return getattr(import_module(f"{__name__}.{LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -43,10 +43,6 @@ def alone() -> Iterator[None]:
 
 @contextmanager
 def alone_if_traced() -> Iterator[None]:
-    """The same as :func:`alone`, but does nothing in scalar variants.
-
-    Scalar variants trace no kernels. There Mitsuba's own threads take the samples, while the thread that renders waits
-    for them. If the thread that renders held the lock, threads that needed the lock for a sample would wait forever.
-    """
+    """:func:`alone`, but does nothing in scalar variants: there threads of Mitsuba take samples, and would wait."""
     with alone() if dr.is_jit_v(mi.Float) else nullcontext():
         yield

@@ -82,10 +82,7 @@ def rescue(contents: Mapping[Path, Content]) -> list[Path]:
 
 @contextmanager
 def scratch() -> Iterator[Path]:
-    """Creates a temporary folder, and deletes the folder at the end of the ``with`` block.
-
-    If the process is killed inside the ``with`` block, a small process, which waits for this, deletes the folder.
-    """
+    """Creates a temporary folder for the ``with`` block. A small process deletes it if this one is killed."""
     path = Path(tempfile.gettempdir(), SCRATCH + secrets.token_hex(8))
     with guard([path]), temporary(path):
         yield path

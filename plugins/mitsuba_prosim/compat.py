@@ -48,11 +48,7 @@ def world_matrix(sensor: mi.Sensor) -> np.ndarray:
 
 
 def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
-    """Returns the transform of ``shape`` from object space to world space. The returned transform keeps its derivatives
-    with respect to scene parameters.
-
-    Raises KeyError for a mesh.
-    """
+    """Returns the transform, with derivatives, from object to world space. Raises KeyError for a mesh."""
     parameters = mi.traverse(shape)
     return _at(parameters[to_world_name(parameters)], 0.0)
 
@@ -102,10 +98,7 @@ def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
 
 
 def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
-    """Returns the vertex positions of the mesh ``shape`` in world coordinates, array shape (n, 3), double precision.
-
-    Returns None if ``shape`` is no mesh.
-    """
+    """Returns the vertices in world coordinates, shape (n, 3), double precision; None if it is no mesh."""
     import numpy as np
 
     parameters = mi.traverse(shape)
@@ -172,9 +165,7 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
-    """Returns ``(name, value as bytes)``, sorted by name, for each numeric parameter of ``shape``, its emitter and its
-    BSDF.
-    """
+    """Returns the sorted (name, value as bytes) of the parameters of ``shape``, its emitter and its BSDF."""
     import numpy as np
 
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
@@ -372,9 +363,7 @@ MXCSR = {"linux": 7, "darwin": 1}.get(sys.platform, 0) if platform.machine() == 
 
 @contextmanager
 def denormals_rounded() -> Iterator[None]:
-    """Rounds denormal numbers to zero in this thread, inside the ``with`` block or a decorated function, if Dr.Jit's
-    own threads do so. Then a kernel computes the same bits in all threads.
-    """
+    """Rounds denormal numbers to zero in this thread, as Dr.Jit's own threads do, so that all have the same bits."""
     if not MXCSR:
         yield
         return

@@ -41,10 +41,7 @@ def library() -> str | None:
 
 
 def problem() -> str | None:
-    """Returns a message that tells why LLVM variants would abort the process or are missing, with advice for the user.
-
-    Returns None if LLVM variants work.
-    """
+    """Returns why LLVM variants would abort the process or are missing, with advice; None if they work."""
     found = version()
     if found is not None and (found[0] >= OLDEST_ON_X86 or platform.machine() not in ("x86_64", "AMD64")):
         return None

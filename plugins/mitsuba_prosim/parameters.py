@@ -49,10 +49,7 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
 
 
 def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
-    """Reads the parameter ``name``, one of the words ``allowed``; raises ValueError for other values.
-
-    If ``default`` is None, the default is the first of the words.
-    """
+    """Reads ``name``, one of the words ``allowed``, by default the first; raises ValueError for others."""
     value = props.get(name, allowed[0] if default is None else default)
     if value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))

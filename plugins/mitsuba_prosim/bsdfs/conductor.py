@@ -119,9 +119,7 @@ class Conductor(Material):
         self.set_components({self.specular_type(): mi.BSDFFlags.FrontSide})
 
     def reflected(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Callable[[mi.Float], mi.UnpolarizedSpectrum]:
-        """Returns a function: Fresnel's reflectance, times the texture ``specular_reflectance`` if the plugin has this
-        parameter, for light at a given cosine to a facet.
-        """
+        """Returns Fresnel's reflectance times ``specular_reflectance``, as a function of the cosine to a facet."""
         eta, k = (texture.eval(si, active) * (1 / self.ext_ior) for texture in (self.eta, self.k))
         factor = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
         return lambda cos: FRESNEL[self.fresnel](cos, eta, k) * factor
@@ -164,9 +162,7 @@ class Conductor(Material):
 
 
 def metals() -> list[str]:
-    """Returns the names of the metals whose indices of refraction Mitsuba has in files; none if the folder is not
-    found.
-    """
+    """Returns the names of the metals that Mitsuba has in files; none if the folder is not found."""
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 

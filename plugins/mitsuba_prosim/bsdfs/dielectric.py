@@ -138,9 +138,7 @@ class Dielectric(Material):
         self.set_components({self.specular_type(): sides, transmission: sides | flags.NonSymmetric})
 
     def probability(self, ctx: mi.BSDFContext, reflected: mi.Bool, f: mi.Float) -> mi.Float:
-        """Returns the probability of sampling the reflection where ``reflected`` is true, else that of the
-        transmission; ``f`` is Fresnel's reflectance.
-        """
+        """Returns the probability of sampling the reflection where ``reflected``, else that of the transmission."""
         return dr.select(reflected, f, 1 - f) if all(self.enabled(ctx)) else mi.Float(1)
 
     def fraction(
@@ -267,9 +265,7 @@ class Dielectric(Material):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool = True
     ) -> tuple[mi.Spectrum, mi.Float]:
-        """Returns the value of the BSDF times the cosine of ``wo``, and the density with which :meth:`sample` samples
-        ``wo``; 0 for smooth glass, and where ``ctx`` does not enable the component that leads to ``wo``.
-        """
+        """Returns the value times the cosine of ``wo``, and the density of :meth:`sample`; 0 for smooth glass."""
         # Each wavelength has its own facet and its own value. The density is the mean of their densities.
         reflected = (si.wi.z > 0) == (wo.z > 0)
         reflection, transmission = self.enabled(ctx)

@@ -108,10 +108,7 @@ class Subject:
         return str(self.props.plugin_name())
 
     def load(self, **changes: Any) -> Any:
-        """Returns a new object of the plugin, with some properties changed; None removes a property.
-
-        Raises Mitsuba's errors.
-        """
+        """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""
         config = mi.parser.ParserConfig(mi.variant() or "")
         state = mi.parser.ParserState(self.state)
         root = mi.parser.SceneNode()

@@ -137,9 +137,7 @@ class Tests:
                 continue
 
     def again_updates(self) -> None:
-        """A parameter that is updated after loading has the effect of a parameter that is loaded; a lamp may be
-        black.
-        """
+        """A parameter that is updated after loading has the effect of one that is loaded."""
         exposed = list(self.numbers())
         given = {name: as_property(value) for _, name, value in exposed}
         for key, name, value in exposed:

@@ -181,10 +181,7 @@ def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
 
 
 def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
-    """Raises InputError if the output files, which together have ``size`` bytes, cannot be written.
-
-    Raises InputError, too, if one of the output files is also one of the input files ``sources``.
-    """
+    """Raises InputError if the output files can't be written, or if one of them is one of the ``sources``."""
     try:
         atomic.check(with_suffixes(stem, suffixes), size)
     except OSError as error:

@@ -26,11 +26,7 @@ DIGEST = "prosim.digest"
 
 
 class Animation:
-    """Renders the frames of an animation one after another, with the options of one job.
-
-    A frame is not rendered again if its EXR file exists and stores the current :func:`digest`, unless the job has the
-    option ``overwrite``.
-    """
+    """Renders frames one after another, but those that have the current :func:`digest` only with ``overwrite``."""
 
     def __init__(self, job: Job, stem: Path) -> None:
         """Raises UsageError if the option -D defines $frame or $time.
@@ -141,9 +137,7 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Tells whether the image files of the frame of ``task`` exist, are not damaged, and have the current digest of
-    this frame.
-    """
+    """Tells whether the image files of the frame of ``task`` are undamaged and have its current digest."""
     exr, png = Path(f"{task.stem}.exr"), Path(f"{task.stem}.png")
     if not exr.is_file() or not images.is_whole(exr.read_bytes()):
         return False

@@ -34,10 +34,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     # A thread watches for signals, because Python calls handlers only in the main thread, and Mitsuba's own integrators
     # block the main thread.
     def watch() -> None:
-        """Reads the numbers of signals from the socket; calls ``stop``, or ends the process at the second signal.
-
-        After the first signal, ``stop`` is called again every :data:`AGAIN` seconds, until the socket is closed.
-        """
+        """Calls ``stop`` after a signal, and again every :data:`AGAIN` seconds; the second signal ends the process."""
         while True:
             try:
                 received = reader.recv(1)

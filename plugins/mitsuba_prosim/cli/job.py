@@ -226,11 +226,7 @@ GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribut
 
 
 class Command(click.Command):
-    """A click command whose function receives the scene and the options of :func:`job_options` as one :class:`Job`.
-
-    The :class:`Job` is the argument ``job`` of the command's function. The help text of the command shows the options
-    in groups.
-    """
+    """A command whose function receives the scene and the options of :func:`job_options` as one :class:`Job`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parses the command-line arguments, and makes one :class:`Job` from the scene and the options.

@@ -40,10 +40,7 @@ def input_errors() -> Iterator[None]:
 
 
 def require_extra(extra: str, what: str) -> None:
-    """Raises ClickException if packages of the ``extra`` are not installed.
-
-    The error message says that ``what`` needs the missing packages, and how to install these packages.
-    """
+    """Raises ClickException, with what to install for ``what``, if packages of the ``extra`` are missing."""
     if extras.missing(extra):
         raise click.ClickException(extras.needs(what, extra))
 
@@ -88,10 +85,7 @@ class Number(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Converts the text ``value`` of the option on the command line to a finite number.
-
-        Raises BadParameter if the text is no number, or a number that is infinite, NaN or outside the range.
-        """
+        """Converts the text ``value``; raises BadParameter if it is no finite number in the range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
@@ -106,9 +100,7 @@ def _resolution(*size: str) -> tuple[int, ...]:
 
 
 def _frames(begin: str, end: str | None, step: str | None) -> range:
-    """Returns the numbers of the frames ``begin``, ``begin + step``, ... below ``end``; only ``begin`` if ``end`` is
-    None. Raises ValueError if there is no such frame. If ``step`` is None, the step is 1.
-    """
+    """Returns the range of frames; only ``begin`` if ``end`` is None. Raises ValueError if it has no frame."""
     frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
         raise ValueError("frame B is not rendered, so B must be greater than A")
@@ -129,9 +121,7 @@ def _snapshots(text: str) -> tuple[str, ...]:
 
 
 def _roots(text: str) -> tuple[int, ...]:
-    """Converts ``text``, integers with commas, to a sorted tuple without repetitions; raises ValueError for fewer than
-    two different integers.
-    """
+    """Returns the different integers in ``text``, sorted; raises ValueError for fewer than two."""
     roots = sorted(set(map(int, text.split(","))))
     if len(roots) < 2:
         raise ValueError("give two different numbers or more")

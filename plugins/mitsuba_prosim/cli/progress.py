@@ -54,9 +54,7 @@ class Progress(tqdm):
         return shown | {"initial": shown["n"]} if early else shown
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """On a terminal, draws the bar. Without a terminal, prints a line if enough time has passed since the last
-        line; with a message ``msg``, prints nothing.
-        """
+        """Draws the bar on a terminal, else prints a line if enough time has passed since the last."""
         if self.on_terminal:
             return bool(super().display(msg, pos))
         shown = self.format_dict

@@ -72,11 +72,7 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """The attributes of this task that a checkpoint stores: the job, and the digest of the scene.
-
-        The digest identifies the content of the scene. A process that continues the render needs the options in the
-        job.
-        """
+        """What a checkpoint stores: the job, to continue it, and the digest of the scene, to identify it."""
         image = self.job.image_fields() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 

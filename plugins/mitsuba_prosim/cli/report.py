@@ -46,9 +46,7 @@ def metadata(
 def summary(
     render: Any, final: FinalImage | None, interrupted: bool, integrator: Any = None, file: Any = None
 ) -> str | None:
-    """Returns a line with the verdict, the samples and the seconds of a render; None if the render has no target, and
-    no ``final`` image of a denoiser. The arguments are those of :func:`.verdict`.
-    """
+    """Returns a line with the verdict, the samples and the seconds; None without a target and a ``final`` image."""
     reached = render.reached if end_cause(render) else None
     if reached is None:
         return None if final is None else denoised_words(final, interrupted)

@@ -60,20 +60,14 @@ class TevClient(ExitStack):
             socket.setdefaulttimeout(timeout)
 
     def update(self, render: Any) -> None:
-        """Shows the current image of ``render`` in tev, if enough time has passed since the last image was sent.
-
-        Does nothing without the option ``--view``, or if tev has ended.
-        """
+        """Shows the image in tev if enough time has passed since the last; nothing without ``--view``."""
         if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
                 render.update_film()
                 self.show()
 
     def show(self) -> None:
-        """Sends the image on the film to tev; if tev has ended, warns once, and later calls send nothing.
-
-        Does nothing without the option ``--view``, or if the film stores no colours.
-        """
+        """Sends the image on the film to tev; if tev has ended, warns once, and sends nothing later."""
         colours = None if self._tev is None else images.colours(self._film.bitmap())
         if colours is None:
             return

@@ -82,8 +82,5 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
 
 def has_windows() -> bool:
-    """Tells whether a browser opens in its own window, not as a text browser in the terminal.
-
-    On systems other than macOS and Windows, a browser needs the display that an environment variable names.
-    """
+    """Tells whether a browser opens in a window of its own, not as text in the terminal."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

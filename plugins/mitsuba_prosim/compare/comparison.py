@@ -43,9 +43,7 @@ class Comparison:
     """Compares the methods ``a`` and ``b`` on a scene called ``name``. ``exposure`` is in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
-        """Prepares the comparison; :meth:`run` renders and measures. ``effort`` tells how many images are rendered, and
-        how long.
-        """
+        """Prepares the comparison; ``effort`` tells how many images are rendered, and how long."""
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
@@ -135,9 +133,7 @@ class Section:
         }
 
     def runs(self) -> list[Runs]:
-        """Returns all runs of this section: first the runs for the rows of the table, and then the runs for the error
-        curves.
-        """
+        """Returns all runs of this section: those of the rows of the table, then those of the error curves."""
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
@@ -166,9 +162,7 @@ class Section:
         return result
 
     def images(self) -> dict[str, np.ndarray]:
-        """Returns the reference image, and the image, the error maps and the sample counts of each row of the table:
-        name -> array.
-        """
+        """Returns name -> array: the reference, and each row's image, error maps and sample counts."""
         images = {"reference": self.image}
         for role, run in self.rows.items():
             images |= {
@@ -206,9 +200,7 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method of ``spec`` with 64 samples in every pixel, without adaptive sampling, error target and time
-    limit. The reference image is computed as the mean of many images that the returned method renders.
-    """
+    """Returns the method of ``spec`` with 64 samples in every pixel, whose images' mean is the reference."""
     if spec.is_adaptive:
         return scene.method(spec.with_parameters(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)

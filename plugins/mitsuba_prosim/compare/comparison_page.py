@@ -32,9 +32,7 @@ COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """Returns the HTML text of the page. Each number on the page is an HTML element ``<data value=...>``, whose value
-    has the full precision of ``facts``.
-    """
+    """Returns the page; each number is a ``<data value=...>`` with the full precision of ``facts``."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -93,9 +91,7 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 
 def chart(section: Facts) -> str:
-    """Draws the curves of error against cost of a section; returns the chart as the data URI of an SVG image. Circles
-    are the points of the curves, and diamonds are the rows of the table.
-    """
+    """Returns the data URI of an SVG image: curves of error against cost; diamonds are rows of the table."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")

@@ -40,11 +40,7 @@ def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean of the relative squared error over all pixels and channels: the squared error divided by (the squared
-    reference value plus 0.01).
-
-    Source: Rousselle et al. (2011).
-    """
+    """Mean of the squared error / (squared reference + 0.01), over pixels and channels (Rousselle et al. 2011)."""
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 

@@ -27,9 +27,7 @@ TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"m
 
 
 class Spec:
-    """The parsed specification of a method: integrator, sampler and parameters, such as
-    ``path:multijitter,max_depth=5``.
-    """
+    """A parsed method: integrator, sampler and parameters, such as ``path:multijitter,max_depth=5``."""
 
     def __init__(self, text: str, **changes: Any) -> None:
         """Parses the specification ``text``. The value of a parameter is a Python literal, ``true`` or ``false``; any
@@ -71,18 +69,12 @@ class Spec:
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the integrator is ``prosim``, whose parameters, and not the sampler, determine the number of samples.
-
-        The property is true also for ``prosim,adaptive=none``, although this method takes the same number of samples in
-        each pixel.
-        """
+        """Whether the integrator is ``prosim``, whose parameters, not the sampler, give the number of samples."""
         return self.integrator == "prosim"
 
     @property
     def transport(self) -> str | None:
-        """The light paths that the integrator simulates: "paths" (all light paths) or "direct" (direct light only);
-        None for ``prosim``, which can simulate any selection of light paths.
-        """
+        """Which light paths the integrator simulates: "paths" (all), "direct", or None for any (``prosim``)."""
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
@@ -101,11 +93,7 @@ class Method:
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Renders an image with the seed ``seed``; returns the image and the cost of the render.
-
-        The result is the image (height, width, 3), the sample counts (height, width), the elapsed seconds, and the
-        processor seconds per thread.
-        """
+        """Returns an image, its sample counts, the elapsed seconds, and the processor seconds per thread."""
         start, start_cpu = time.perf_counter(), time.process_time()
         spp = self.spp and rendering.samples_taken(self.integrator, self.sensor, self.spp, 1 + self.denoised)
         what = self.scene, self.sensor, self.integrator, seed, spp
@@ -133,9 +121,7 @@ class ComparedScene:
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
-        """Returns the first sensor of the scene, with the sampler plugin ``sampler``, or with the sampler in the scene
-        file if ``sampler`` is None.
-        """
+        """Returns the scene's first sensor, with the plugin ``sampler`` or, if None, the scene's sampler."""
         if sampler not in self._sensors:
             self._sensors[sampler] = self.file.load(sampler).sensors()[0]
             gc.collect()  # deletes the loaded scene, because Dr.Jit traces the BSDFs of all existing scenes
@@ -143,9 +129,7 @@ class ComparedScene:
 
     @cached_property
     def lit(self) -> mi.Scene:
-        """The scene with the background of the integrator ``prosim`` replaced by an emitter, because other integrators
-        have no background.
-        """
+        """The scene with the background of ``prosim`` as an emitter, because other integrators have none."""
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 

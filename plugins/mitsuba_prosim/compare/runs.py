@@ -52,9 +52,7 @@ class Runs:
                 self.values.setdefault(name, []).append(value)
 
     def facts(self) -> dict[str, Any]:
-        """Returns the mean number of samples per pixel of the latest image, and, for each time and each error measure,
-        the median, the minimum and the maximum over all rounds.
-        """
+        """Returns the samples a pixel, and the median, least and greatest time and error of all rounds."""
         return {"samples": float(np.mean(self.counts))} | {
             name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
             for name, values in self.values.items()
@@ -87,9 +85,7 @@ class Reference:
         self.seconds, self.passes = 0.0, 0
 
     def converge(self, seconds: float) -> Iterator[float]:
-        """Renders images with each estimator in turn for ``seconds`` seconds, but at least three images with each;
-        yields the progress, 0 to 1. At the end, this method computes the reference image and its error.
-        """
+        """Renders with each estimator in turn for ``seconds``, three images each at least; yields the progress."""
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
             images = [estimator.render(REFERENCE_SEEDS + self.passes)[0] for estimator in self._estimators]

@@ -13,9 +13,7 @@ COMMON = 1.08
 
 @dataclass(frozen=True)
 class Denoised:
-    """The result of the denoiser: the raw, the denoised and the final image, shape (height, width, channels), and maps
-    of their errors, shape (height, width).
-    """
+    """The denoiser's images, shape (height, width, channels), and maps of their errors, shape (height, width)."""
 
     #: The mean of the two halves; the output of the denoiser; and the mixture of both images.
     raw: np.ndarray

@@ -27,10 +27,7 @@ SHARE = 0.25
 
 
 class HalvesDenoiser:
-    """Denoises an image of ``scene`` from two halves of its samples; keeps the latest result.
-
-    ``fast`` excludes the best networks.
-    """
+    """Denoises an image of ``scene`` from two halves of its samples; ``fast`` excludes the best networks."""
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, hide_emitters: bool, fast: bool) -> None:
         self.scene, self.sensor, self.seed, self.hide_emitters, self.fast = scene, sensor, seed, hide_emitters, fast

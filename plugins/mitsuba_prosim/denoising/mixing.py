@@ -164,11 +164,7 @@ def display_value(image: np.ndarray) -> np.ndarray:
 
 
 def displayed_squared(image: np.ndarray) -> np.ndarray:
-    """Returns an approximation of the squared :func:`display_value` of each pixel, shape (height, width).
-
-    The approximation uses the mean of the colour channels instead of the luminance, because the errors are also means
-    over the channels.
-    """
+    """Returns about :func:`display_value` squared, of the channels' mean, because errors are such means too."""
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 

@@ -14,9 +14,7 @@ class MissingError(ImportError):
 
 
 def load() -> ModuleType:
-    """Imports and returns the module ``mitsuba_oidn``. If the module is not installed, raises :class:`MissingError`,
-    which names the package to install.
-    """
+    """Imports and returns ``mitsuba_oidn``; raises :class:`MissingError`, which names the package to install."""
     try:
         import mitsuba_oidn
     except ImportError as error:
@@ -46,9 +44,7 @@ class Denoiser:
         self.quality = quality.Fast if fast else quality.High
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
-        """Returns the denoised ``image``. The values of ``image`` are linear and may be above 1; its shape is (height,
-        width, 1 or 3).
-        """
+        """Returns the denoised ``image``, linear, of shape (height, width, 1 or 3)."""
         colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
         result = self.oidn.denoise(
             colours, self.albedo, self.normal, hdr=True, clean_aux=self.clean, quality=self.quality, device=self.device
@@ -56,9 +52,7 @@ class Denoiser:
         return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
 
     def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
-        """Returns a feature (albedo or normals), denoised by a network of this ``quality``; if ``quality`` is None, the
-        feature is not denoised. If ``feature`` is None, the result is None.
-        """
+        """Returns ``feature`` (albedo or normals), denoised if ``quality`` is not None; None for None."""
         if feature is None:
             return None
         feature = np.ascontiguousarray(feature, dtype=np.float32)

@@ -25,9 +25,7 @@ def reduce(image: np.ndarray) -> np.ndarray:
 
 
 def expand(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Returns ``image`` enlarged smoothly to ``width`` x ``height`` pixels; both numbers are twice the old ones, or
-    one less. This function does not restore the details that :func:`reduce` removed from an image.
-    """
+    """Returns ``image`` enlarged smoothly to ``width`` x ``height``, twice the old numbers or one less."""
     return _doubled(_doubled(image, height).swapaxes(0, 1), width).swapaxes(0, 1)
 
 
@@ -70,9 +68,7 @@ def bands(image: np.ndarray, most: int, least_side: int) -> list[np.ndarray]:
 
 
 def from_bands(bands: list[np.ndarray]) -> np.ndarray:
-    """Returns the image whose Laplacian pyramid is ``bands``; this function is the inverse of the function
-    :func:`bands`.
-    """
+    """Returns the image whose Laplacian pyramid is ``bands``; the inverse of :func:`bands`."""
     *finer, result = bands
     for band in reversed(finer):
         result = band + expand(result, *band.shape[:2])
@@ -80,9 +76,7 @@ def from_bands(bands: list[np.ndarray]) -> np.ndarray:
 
 
 def _along(image: np.ndarray) -> np.ndarray:
-    """Returns the image in which each pixel is a weighted mean of the pixel and its neighbours up to two rows above and
-    below. Rows beyond the border of the image have the values of the nearest row at the border.
-    """
+    """Returns the weighted mean of each row and two rows on each side; the border rows continue outside."""
     n = len(image)
     padded = np.concatenate([image[:1], image[:1], image, image[-1:], image[-1:]])
     outer = padded[:n] + padded[4:]

@@ -142,9 +142,7 @@ class Area(Source):
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
-        """Returns the radiance that the light source emits at the point ``si`` in the direction ``si.wi``. The radiance
-        is 0 on the inner side of the shape.
-        """
+        """Returns the radiance at the point ``si`` in the direction ``si.wi``; 0 on the inner side of the shape."""
         active = active & (si.wi.z > 0) & si.is_valid()
         d = si.to_world(si.wi)  # to the receiver, which is at the distance si.t
         return self.emitted(si, d, si.p + d * dr.select(active, si.t, 0), active)

@@ -46,20 +46,14 @@ class Accumulators:
 
     @classmethod
     def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
-        """Returns accumulators of ``pixels`` pixels without samples.
-
-        ``sums_per_pixel`` is the length of the list ``sums`` (:attr:`.Estimator.sums_per_pixel`).
-        """
+        """Returns accumulators without samples, with ``sums_per_pixel`` entries in the list ``sums``."""
         total, squares, pass_squares, in_pass, *sums = (dr.zeros(double(), pixels) for _ in range(sums_per_pixel + 4))
         result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
         return result
 
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the sum of the luminances, the sum of their squares, and the number of the samples of each pixel.
-
-        The three results are NumPy arrays of 64-bit floats, because the difference of two large sums is the variance.
-        """
+        """Returns each pixel's sum, sum of squares and number of samples, in 64 bits: a variance is a difference."""
         total, squares, count = (np.array(v, dtype=np.float64) for v in (self.total, self.squares, self.count))
         return total, squares, count
 

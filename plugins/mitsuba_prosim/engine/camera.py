@@ -17,11 +17,7 @@ from ..compat import PERSPECTIVE, world_transform
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
-    """Tells whether ``sensor`` is Mitsuba's perspective camera.
-
-    For the perspective camera, :func:`ray_sampler` computes the rays itself; for other sensors, Mitsuba computes the
-    rays.
-    """
+    """Tells whether :func:`ray_sampler` computes the rays of ``sensor`` itself: Mitsuba's perspective camera."""
     return bool(sensor.class_name() == PERSPECTIVE)
 
 

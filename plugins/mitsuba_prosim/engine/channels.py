@@ -52,10 +52,7 @@ class Channels:
         return [*self.rgb(L, wavelengths), *[alpha] * self.alpha, mi.Float(1)]
 
     def rgb(self, L: mi.Spectrum, wavelengths: mi.Color0f) -> list[mi.Float]:
-        """Returns red, green and blue of the radiance ``L``; a colour that the parameter ``channels`` omits is 0.
-
-        In monochromatic variants, red, green and blue are equal.
-        """
+        """Returns red, green and blue of ``L``, equal in monochromatic variants; an omitted colour is 0."""
         rgb = to_rgb(L, wavelengths)
         return [v if name in self.stored_colours else mi.Float(0) for name, v in zip("rgb", rgb)]
 
@@ -71,10 +68,7 @@ class Channels:
 
 
 def to_rgb(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Color3f:
-    """Returns the linear sRGB colour of the radiance ``L``.
-
-    ``wavelengths`` are the wavelengths of ``L`` in nm; the array is empty except in spectral variants.
-    """
+    """Returns the linear sRGB colour of ``L``; ``wavelengths`` in nm, empty except in spectral variants."""
     if mi.is_spectral:
         return mi.spectrum_to_srgb(L, wavelengths)
     return mi.Color3f(L.x) if mi.is_monochromatic else mi.Color3f(L)
@@ -92,10 +86,7 @@ def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
 def aov_values(
     aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> list:
-    """Returns the AOVs of Mitsuba's ``aov`` integrator ``aovs`` along the camera ray ``ray``.
-
-    The result is an empty list if ``aovs`` is None.
-    """
+    """Returns the AOVs of Mitsuba's integrator ``aovs`` along ``ray``; empty if ``aovs`` is None."""
     return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
 
 

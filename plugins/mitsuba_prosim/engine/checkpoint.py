@@ -190,9 +190,7 @@ class Checkpoint:
         return decided and self.finished and same_target
 
     def check_arrays(self, state: Image) -> None:
-        """Raises ValueError unless the arrays have the names and the types that ``state`` needs, and each pixel is
-        stored once.
-        """
+        """Raises ValueError unless the arrays are those of ``state``, and each pixel is stored once."""
         needed, uint32 = types(arrays(Accumulators.empty(len(state.accumulators.sums), 1))), np.dtype(np.uint32)
         found = {"wanted": uint32, **types(self.pixels)}
         if found != {**needed, "index": uint32, "wanted": uint32} or types(self.second) not in (needed, {}):
@@ -212,9 +210,7 @@ class Checkpoint:
 
 
 def identity(state: Image) -> dict[str, Any]:
-    """Returns the attributes of an image that must be equal in a checkpoint and in the render that continues from the
-    checkpoint.
-    """
+    """Returns the attributes that must be equal in a checkpoint and in the render that continues it."""
     plan, caustics = state.plan, state.estimator.transport.caustics
     return {
         "samples of a pass": plan.n,
@@ -230,9 +226,7 @@ def identity(state: Image) -> dict[str, Any]:
 
 
 def index(state: Image) -> np.ndarray:
-    """Returns the index of each pixel of ``state`` in the rectangle ``state.plan.domain``, whose pixels are numbered
-    row by row.
-    """
+    """Returns the index of each pixel of ``state`` in ``state.plan.domain``, numbered row by row."""
     left, top, right, _ = state.plan.domain
     return ((np.array(state.y) - top) * (right - left) + np.array(state.x) - left).astype(np.uint32)
 
@@ -259,10 +253,7 @@ def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
 
 
 def save(checkpoint: Checkpoint, path: str | Path) -> None:
-    """Writes ``checkpoint`` to ``path``.
-
-    An older file at ``path`` is replaced only when the new file is completely written. Raises OSError.
-    """
+    """Writes ``checkpoint``; an older file is replaced only when the new one is complete. Raises OSError."""
     atomic.write({Path(path): checkpoint.write})
 
 
@@ -328,10 +319,7 @@ def is_allowed(checkpoint: Checkpoint) -> bool:
 
 
 def member(archive: zipfile.ZipFile, name: str) -> np.ndarray:
-    """Returns the array in the member ``name`` of ``archive``. Raises exceptions of many kinds for a damaged member.
-
-    The member is read to its end before it is parsed, because zipfile compares the checksum only at the end.
-    """
+    """Returns the array ``name``; raises many kinds of exceptions. It is read to its end, for the checksum."""
     info = archive.getinfo(name)
     if info.compress_type != zipfile.ZIP_STORED or not info.file_size == info.compress_size <= archive.start_dir:
         raise zipfile.BadZipFile("a compressed member, or one beyond the end of the file, could be of any size")
@@ -442,9 +430,7 @@ def put_together(parts: Iterable[Checkpoint]) -> Checkpoint:
 
 
 def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
-    """Raises CheckpointError unless ``parts`` (path -> checkpoint) are all parts of one image, each finished, and each
-    given once.
-    """
+    """Raises CheckpointError unless ``parts`` are all parts of one image, each finished and given once."""
     if not parts:
         raise CheckpointError("no parts are named")
     first_path, first = next(iter(parts.items()))
@@ -467,9 +453,7 @@ def check_parts(parts: Mapping[Path, Checkpoint]) -> None:
 
 
 def common_attributes(checkpoint: Checkpoint) -> dict[str, Any]:
-    """Returns the attributes of ``checkpoint`` that must be equal in the checkpoints of all parts of one image: name ->
-    value.
-    """
+    """Returns the attributes that must be equal in the checkpoints of all parts of one image."""
     attributes, about = checkpoint.attributes, checkpoint.about
     everything = attributes["samples"] | attributes["sampling"] | checkpoint.environment | about.get("job", {})
     return {

@@ -88,10 +88,7 @@ class Derivatives:
 
     @denormals_rounded()
     def forward(self) -> mi.TensorXf:
-        """Returns the derivative of the developed image along the gradients that are set on the scene's parameters.
-
-        The result has the shape of the image. The derivative is 0 in a channel that does not depend on the parameters.
-        """
+        """Returns the derivative of the image along the gradients that are set on the scene's parameters."""
         total, channels = dr.zeros(double(), len(self.storage.array)), self.storage.shape[2]
         # Symbolic calls are off because of an error of Dr.Jit 1.5: if a call reads a variable, such as the weight of a
         # blend, then the derivatives of this variable also reach variables of earlier calls. Symbolic branches are off

@@ -16,10 +16,7 @@ MUST_AGREE, MAY_DIFFER = ("mitsuba-prosim", "mitsuba", "drjit", "variant"), ("LL
 
 
 def this_environment() -> dict[str, str]:
-    """Returns the software versions, the Mitsuba variant and the processor of this process, by name.
-
-    The entry "LLVM" is empty if the variant does not use LLVM.
-    """
+    """Returns the software versions, the variant, the processor and, if used, LLVM, of this process."""
     found = llvm.version() if (mi.variant() or "").startswith("llvm") else None
     return {
         "mitsuba-prosim": __version__,

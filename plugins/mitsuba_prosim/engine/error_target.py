@@ -77,16 +77,12 @@ class ErrorTarget:
 
     @property
     def seconds_left(self) -> float:
-        """Remaining seconds in which the render may take samples before the denoiser must start; infinite without a
-        time limit.
-        """
+        """Seconds in which the render may take samples before the denoiser must start; infinite without a limit."""
         return self.seconds - self.reserved - self.elapsed if self.seconds else np.inf
 
     @property
     def time_is_up(self) -> bool:
-        """Whether at most the fraction :data:`SHARE` of the time limit is left, about the time of one work item; False
-        without a time limit.
-        """
+        """Whether at most the fraction :data:`SHARE` of the time limit, about one work item, is left."""
         return self.seconds_left <= self.seconds * SHARE
 
     def progress(self, done: float) -> float:
@@ -143,9 +139,7 @@ def counts_for_ratio(state: Image, ratio: float | None, most: float = np.inf) ->
     goal = None if ratio is None else mean(variances / np.float32(count)) / ratio
 
     def after(effort: float) -> np.ndarray:
-        """Returns the total number of samples that each pixel has after the next pass, if all requested numbers of
-        samples are multiplied by ``effort``.
-        """
+        """Returns each pixel's number of samples after a pass that is multiplied by ``effort``."""
         counts = state.counts_for(request * np.float32(effort))
         if caustics is not None:
             plan = state.plan
@@ -154,9 +148,7 @@ def counts_for_ratio(state: Image, ratio: float | None, most: float = np.inf) ->
         return np.maximum(counts, count)
 
     def reaches(effort: float) -> bool:
-        """Tells whether a pass with the factor ``effort`` reaches the variance ``goal`` or the mean number of samples
-        ``most``. If ``goal`` is None, only ``most`` counts.
-        """
+        """Tells whether a pass times ``effort`` reaches the variance ``goal`` (unless None) or the mean ``most``."""
         counts = np.float32(after(effort))
         return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
 

@@ -21,10 +21,7 @@ from .plan import Plan
 
 
 class Estimator:
-    """Takes samples of the image of ``scene`` for ``sensor``; ``transport`` estimates the radiance of camera rays.
-
-    The constructor prepares the film of ``sensor``, which stores the ``channels``.
-    """
+    """Takes samples of ``scene`` for ``sensor``, whose film it prepares; ``transport`` estimates radiance."""
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor, transport: RadianceEstimator, channels: Channels) -> None:
         self.scene, self.sensor, self.transport, self.channels = scene, sensor, transport, channels

@@ -15,9 +15,7 @@ from .work import Wanted
 
 
 class Pass(NamedTuple):
-    """A pass over the image, its second image or both: takes samples until each pixel has ``wanted`` samples or has
-    converged.
-    """
+    """A pass over an image or both: samples until each pixel has ``wanted`` samples or has converged."""
 
     wanted: Wanted
     #: Estimated number of samples of all these pixels together at the end of the image; if the number is 0, the samples
@@ -88,9 +86,7 @@ class PolicyGoal:
         return Pass([(image, image.wanted)], expected)
 
     def _first_passes(self, image: Image) -> Iterator[Pass]:
-        """Yields the passes before the first decision; several where there are many samples, so that an image can be
-        shown early.
-        """
+        """Yields the passes before the first decision; several if there are many samples, to show an image early."""
         numbers = [image.policy.first_samples]
         while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
             numbers.insert(0, -(-numbers[0] // GROWTH**2))
@@ -225,9 +221,7 @@ class HalvesGoal:
 
 
 def second_pass(image: Image, second: SecondImage, most: int = UNLIMITED) -> Pass:
-    """Returns a pass in which each pixel of the ``second`` image gets as many samples as the pixel has in ``image``,
-    but at most ``most``.
-    """
+    """Returns a pass that gives each pixel of ``second`` as many samples as in ``image``, but at most ``most``."""
     return Pass([(second, np.minimum(np.array(image.accumulators.count)[second.index], np.uint32(most)))])
 
 

@@ -62,9 +62,7 @@ class Image(PixelSet):
     # ---------------------------------------------------------------- changes of the state
 
     def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
-        """Begins a pass in which each pixel gets ``wanted`` samples, by the next decision of the policy or by the
-        decision with the number ``rounds``.
-        """
+        """Begins a pass to ``wanted`` samples a pixel, by the policy's next decision or the one numbered ``rounds``."""
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
 
     def end_pass(self) -> None:
@@ -109,9 +107,7 @@ class Image(PixelSet):
 
     @alone()
     def all_counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel of the crop window, shape (height, width), including the samples
-        of a complete second image.
-        """
+        """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
         counts = np.array(self.accumulators.count)
         if self.second is not None and self.second.complete:
             counts[self.second.index] += np.array(self.second.accumulators.count)
@@ -128,18 +124,12 @@ class Image(PixelSet):
 
     @alone()
     def developed(self, second: bool = False) -> mi.TensorXf:
-        """Returns the developed image, or the second image, shape (height, width, channels). The film holds the
-        returned image afterwards.
-        """
+        """Returns the developed image, or the second, shape (height, width, channels), which the film then holds."""
         self.update_film(second)
         return self.estimator.sensor.film().develop()
 
     def halves(self) -> list[np.ndarray]:
-        """Returns a list of one or two images of shape (height, width, channels).
-
-        The list has the developed first image, and the second image if the second image is complete and has a sample of
-        each pixel.
-        """
+        """Returns the developed image and, if it is complete, the second; each (height, width, channels)."""
         second = self.second
         both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
         # The first image is developed last, because the film must hold it at the end. So the list is reversed.
@@ -158,10 +148,7 @@ class Image(PixelSet):
 
     @property
     def counts(self) -> np.ndarray:
-        """Number of samples of each pixel of ``plan.region``, shape (height, width).
-
-        ``plan.region`` has the pixels whose samples contribute to the crop window through the reconstruction filter.
-        """
+        """Number of samples of each pixel of ``plan.region``, the pixels that reach the crop window by the filter."""
         return self.crop(self.accumulators.count, self.plan.region)
 
     def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
@@ -306,15 +293,11 @@ class SecondImage(PixelSet):
 
 
 def concentration(squares: np.ndarray) -> float:
-    """Returns how concentrated the squared errors ``squares`` are: 1 if one pixel has the whole error, 1/n if n pixels
-    have equal errors, 0 if no pixel has an error.
-    """
+    """Returns how concentrated ``squares`` are: 1 if one pixel has all, 1/n if n pixels have equal errors."""
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
 def display_variance(accumulators: Accumulators) -> np.ndarray:
-    """Returns, for each pixel, the variance of one sample, converted from radiance to displayed values
-    (:func:`.in_display_units`); 32-bit floats.
-    """
+    """Returns each pixel's variance of one sample in displayed values (:func:`.in_display_units`)."""
     total, squares, count = accumulators.statistics()
     return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))

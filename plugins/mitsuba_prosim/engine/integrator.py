@@ -69,18 +69,12 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self._scalar: Any = None  # the transport during a render in a scalar variant
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
-        """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor`` in ``scene``.
-
-        ``attached`` tells whether the transport computes derivatives with respect to scene parameters.
-        """
+        """Returns the :class:`.Transport` of rays in ``scene``; ``attached``: with derivatives."""
         # A subclass defines this method.
         raise NotImplementedError
 
     def parameter_names(self) -> list[str]:
-        """Returns the names of the parameters that ``str()`` shows.
-
-        The parameter ``band`` is left out, because it does not change the image.
-        """
+        """Returns the parameters that ``str()`` shows: not ``band``, which does not change the image."""
         return [*(name for name in SAMPLING if name != "band"), "channels"]
 
     def to_string(self) -> str:
@@ -255,10 +249,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self._derivatives(scene, sensor, seed, spp).backward(grad_in)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        """Renders the image, and returns the object that computes the derivatives of the image.
-
-        Raises RuntimeError if the integrator has a time limit and ``spp`` is 0.
-        """
+        """Renders; returns what computes derivatives. Raises RuntimeError with a time limit and no ``spp``."""
         from .derivatives import Derivatives
 
         if self.time and not spp:

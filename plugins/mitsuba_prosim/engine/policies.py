@@ -10,11 +10,7 @@ from .standard_error import in_display_units, standard_error, variance
 
 
 class Policy:
-    """Base class of the policies of adaptive sampling.
-
-    A subclass overrides the attributes and methods that differ from those of :class:`Policy`, which requests the same
-    number of samples for every pixel.
-    """
+    """Requests the same number of samples for every pixel; its subclasses are adaptive."""
 
     #: Whether each pixel gets the same number of samples.
     uniform = False
@@ -181,9 +177,7 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
     """
 
     def along_columns(plane: np.ndarray) -> np.ndarray:
-        """Returns, for each entry of ``plane``, the sum of the entries up to ``reach`` rows above and below, without
-        the entry itself.
-        """
+        """Returns the sum of the entries up to ``reach`` rows above and below, without the entry itself."""
         padded, height = np.pad(plane, ((reach, reach), (0, 0))), len(plane)
         steps = (k for k in range(-reach, reach + 1) if k)
         return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))

@@ -95,9 +95,7 @@ class Render(Steps):
         self._stopped = True
 
     def close(self) -> None:
-        """Ends the render. If any pixel has a sample, the pixels without samples get their first sample, so that no
-        pixel of the image is missing.
-        """
+        """Ends the render. If any pixel has a sample, the others get their first, so that no pixel is missing."""
         self.stop()
         self.run()
 
@@ -207,9 +205,7 @@ class Render(Steps):
         return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
 
     def counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel, shape (height, width), including the samples of a complete
-        second image.
-        """
+        """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
         return self.state.all_counts()
 
     @alone()

@@ -14,10 +14,7 @@ def library(values: Any) -> Any:
 
 
 def variance(total: Any, squares: Any, count: Any) -> Any:
-    """Returns the sample variance of ``count`` samples, from their sum ``total`` and their sum of ``squares``.
-
-    The arguments are NumPy or Dr.Jit arrays. The variance of one sample is 0.
-    """
+    """Returns the variance of ``count`` samples, from sums of values and of squares; 0 for one sample."""
     module = library(total)
     return module.maximum(squares / count - module.square(total / count), 0) * count / module.maximum(count - 1, 1)
 
@@ -42,8 +39,5 @@ def displayed(mean: Any) -> Any:
 
 
 def in_display_units(error: Any, mean: Any) -> Any:
-    """Converts the ``error`` of the radiance ``mean`` to the error of the displayed value.
-
-    The error is multiplied by the slope of the tone curve (:func:`displayed`) at ``mean``.
-    """
+    """Returns the ``error`` times the slope of the tone curve (:func:`displayed`) at ``mean``."""
     return error / (2 * displayed(mean))

@@ -85,10 +85,7 @@ class WorkItem:
     store: Callable[[Accumulators], None] = lambda sums: None
 
     def compute(self) -> Accumulators:
-        """Takes the samples of the work item in this process, and returns the new sums of its pixels.
-
-        The returned sums are evaluated, so that the next work item can use the same kernel.
-        """
+        """Returns the new sums of the pixels, evaluated, so that the next work item can use the same kernel."""
         sensor = self.estimator.sensor
         window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
         with alone(), denormals_rounded(), dr.suspend_grad(), window:
@@ -199,9 +196,7 @@ def work_items(wanted: Wanted, executor: Executor, seconds: float = np.inf) -> I
 
 @alone()
 def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item for the pixels with the indices ``some`` among all pixels of ``wanted``, which get at most
-    ``samples`` samples together.
-    """
+    """Returns the work item of the pixels with the indices ``some``: at most ``samples`` samples together."""
     place, begin, sets = dr_array(some.astype(np.uint32)), 0, []
     lanes: Any = None
     for pixels, numbers in wanted:

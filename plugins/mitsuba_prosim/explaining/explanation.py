@@ -141,10 +141,7 @@ class Samples:
         seed: int = 0,
         names: Places | None = None,
     ) -> Samples:
-        """Takes all samples of a pixel of a scene; ``names`` are the :func:`places` of its file.
-
-        The other arguments and the errors are those of :func:`explain`.
-        """
+        """Takes all samples of a pixel; ``names`` are the file's :func:`places`. Errors: those of :func:`explain`."""
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
         camera, notes = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor), list[str]()

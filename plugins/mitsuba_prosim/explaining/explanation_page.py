@@ -39,9 +39,7 @@ def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: 
 
 
 def shown(node: Node) -> dict[str, Any]:
-    """Returns what the page shows of a node: at most :data:`MOST_LAMPS` lamps, those that would be brightest if nothing
-    hid them, and the sum of the contributions of the others.
-    """
+    """Returns what the page shows of a node: at most :data:`MOST_LAMPS` lamps, and the sum of the others."""
     light = [
         sum(lamp.weighted_radiance) * sum(sum(lobe.bsdf) * lobe.weight for lobe in lamp.lobes) for lamp in node.lamps
     ]

@@ -62,10 +62,7 @@ class Table:
 
 
 class Recorder:
-    """Records the computations of ``transport`` for the samples of a pixel (:attr:`.Context.observer`).
-
-    ``places`` are the names and lines of shapes and emitters in the scene file.
-    """
+    """Records the computations of ``transport`` for a pixel's samples; ``places``: lines of shapes and emitters."""
 
     def __init__(self, transport: Transport, places: Places) -> None:
         self.transport, self.lines = transport, dict(places.values())
@@ -300,9 +297,7 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
 
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
-    """Returns the name of a shape or emitter: the one of its id in ``words``, else its id; if it has no id in the scene
-    file, its class and its ``number``.
-    """
+    """Returns the name of a shape or emitter: from ``words``, its id, or its class and ``number``."""
     key = thing.id()
     return words.get(key, key) if key and not key.startswith("__") else f"{thing.class_name()} {number}"
 

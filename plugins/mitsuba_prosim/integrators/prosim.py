@@ -307,16 +307,12 @@ class Prosim(ProgressiveIntegrator):
         return super()._derivatives(scene, sensor, seed, spp)
 
     def _refuse_layers_and_caustics(self, why: str) -> None:
-        """Raises RuntimeError, with the reason ``why``, if the integrator's parameter ``layers`` or ``caustics`` is
-        switched on.
-        """
+        """Raises RuntimeError, with the reason ``why``, if ``layers`` or ``caustics`` is switched on."""
         if self.layers != "none" or self.caustics:
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
-        """Returns the :class:`.Caustics` object of ``scene``, which emits the photons later, pass by pass; or None if
-        no surface is specular or no light source can emit photons.
-        """
+        """Returns the photons of ``scene``; None if nothing is specular or no light source can emit photons."""
         from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 
         # Photons may meet as many specular surfaces as a camera ray may meet before a light source.

@@ -113,9 +113,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
             return final.denoiser.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:
-        """Raises RuntimeError, because the denoiser needs the whole image and cannot compute the radiance along a
-        single ray.
-        """
+        """Raises RuntimeError, because the denoiser needs the whole image, not a single ray."""
         raise RuntimeError(
             "prosim_denoised: the denoiser needs all pixels at once, so this integrator can't be nested in another "
             "integrator; nest the other integrator in prosim_denoised."

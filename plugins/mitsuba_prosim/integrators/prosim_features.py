@@ -62,9 +62,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         *arguments: Any,
         **more: Any,
     ) -> mi.TensorXf:
-        """Renders the albedo and the normals. This method holds a lock, so that no other thread renders with this
-        package at the same time.
-        """
+        """Renders the albedo and the normals; no other thread renders with this package at the same time."""
         check_samples(scene.sensors()[sensor] if isinstance(sensor, int) else sensor, spp)
         with alone():  # all renders share the film
             try:
@@ -81,9 +79,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the visible albedo along ``ray``, whether the ray meets a surface, and the AOVs: the channels of the
-        albedo and of the normal.
-        """
+        """Returns the albedo along ``ray``, whether a surface is met, and the channels of albedo and normal."""
         albedo, normal, hit = features.features(scene, sampler, mi.Ray3f(ray), active, self.hide_emitters, medium)
         # With this factor, an albedo of 1 at every wavelength becomes nearly white.
         scaled = albedo / mi.pdf_rgb_spectrum(ray.wavelengths) if mi.is_spectral else albedo

@@ -124,9 +124,7 @@ def name_of(emitter: mi.Emitter) -> str:
 
 
 def sample_shape(shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool) -> mi.DirectionSample3f:
-    """Returns ``shape.sample_direction(it, sample, active)`` with texture coordinates, which Mitsuba 3.9 does not
-    compute for a sphere.
-    """
+    """Returns ``shape.sample_direction`` with texture coordinates, which Mitsuba 3.9 leaves out for a sphere."""
     ds = shape.sample_direction(it, sample, active)
     if shape.class_name() == SPHERE:
         ds.uv = shape.ray_intersect(mi.Ray3f(it.p, ds.d), +mi.RayFlags.All, active).uv
@@ -200,9 +198,7 @@ class EmitterMethods:
     def pdf_position(
         self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
     ) -> mi.Float:
-        """Returns the density per area with which :meth:`sample_position` samples the point ``ds``, seen from ``it``; 0
-        for an emitter without a shape.
-        """
+        """Returns the density per area of :meth:`sample_position` at ``ds``; 0 for an emitter without a shape."""
 
         def density(
             one: mi.Emitter, sampler: Any, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool

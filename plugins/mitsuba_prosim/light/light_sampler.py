@@ -222,9 +222,7 @@ def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callab
 
 
 def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Returns the power (the mean over the channels), the origin and the direction of a random ray that ``emitter``
-    emits; 0 and NaN if it cannot emit rays. ``key`` is a hash key.
-    """
+    """Returns the power, origin and direction of a random ray of ``emitter``; 0 and NaN if it emits none."""
 
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
         try:

@@ -71,11 +71,7 @@ class Source(mi.Emitter):
         return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit_versine(), self.exponent)
 
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
-        """Samples a direction in which the source emits light, with a density proportional to the intensity.
-
-        Returns ``(d, total)``: the direction in world coordinates, and the integral of the relative intensity in
-        steradians.
-        """
+        """Returns a direction, by intensity, and the integral of the relative intensity in steradians."""
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
         local = beam.sample_falloff(sample2, self.limit_versine(), self.exponent)

@@ -19,10 +19,7 @@ from .strategy import Index, LightSample, OtherLights, Receiver, direction_sampl
 
 
 class SphereLights(OtherLights):
-    """Samples emitters that are spheres and emit outwards, with a radiance that does not vary over the sphere.
-
-    ``emitters`` are all emitters of a scene that :meth:`can_sample` accepts; the first emitter has the number 0.
-    """
+    """Samples spheres that emit outwards equally everywhere; ``emitters`` are all for which :meth:`can_sample`."""
 
     samples_below_horizon = False
     follows_shape = False
@@ -36,9 +33,7 @@ class SphereLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a sphere that emits outwards, with a radiance that does not vary over the
-        sphere.
-        """
+        """Tells whether ``emitter`` is a sphere that emits outwards, with the same radiance everywhere."""
         shape = emitter.get_shape()
         if shape is None or shape.class_name() != SPHERE or shape.has_flipped_normals():
             return False

@@ -55,10 +55,7 @@ def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f
 
 
 class OtherLights:
-    """Samples emitters by their own method ``sample_direction``. Base class of the other strategies.
-
-    ``emitters`` are the emitters that the strategy samples; the first emitter has the number 0.
-    """
+    """Samples ``emitters``, the first of which has the number 0, by their own method ``sample_direction``."""
 
     #: Whether the strategy samples the whole source, including the part below the horizon.
     samples_below_horizon = True
@@ -128,9 +125,7 @@ class UnsampledLights(OtherLights):
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)`` for a cosine-weighted ray from ``receiver``. The density is 0 if the ray does not
-        meet the light source.
-        """
+        """Returns ``(ds, weight)`` for a cosine-weighted ray; the density is 0 if it does not meet the light source."""
         below = receiver.both_sides & (sample.x < 0.5)
         x = dr.select(receiver.both_sides, 2 * sample.x - dr.select(below, 0, 1), sample.x)
         local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(x, sample.y))
@@ -153,10 +148,7 @@ class UnsampledLights(OtherLights):
 
 
 class ConstantSky(OtherLights):
-    """Samples Mitsuba's emitter ``constant``, a sphere around the scene, by projected solid angle.
-
-    ``distance`` is the radius of the sphere.
-    """
+    """Samples ``constant``, a sphere of radius ``distance`` around the scene, by projected solid angle."""
 
     samples_below_horizon = False
 

@@ -50,10 +50,7 @@ class Lamp:
         return self._by_strategy(True, lambda strategy, *_: strategy.follows_shape)
 
     def sample(self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of this light source (:meth:`.OtherLights.sample`).
-
-        ``sample`` is a point in [0, 1)².
-        """
+        """Returns ``(ds, weight)``, a sample by a point in [0, 1)² (:meth:`.OtherLights.sample`)."""
         return self._by_side(receiver, active, lambda way, k, mine: way.sample(k, self.emitter, receiver, sample, mine))
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
@@ -63,10 +60,7 @@ class Lamp:
     def reparameterised(
         self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with this lamp.
-
-        :meth:`.OtherLights.reparameterised` describes the arguments and the results.
-        """
+        """Returns ``(ds, jacobian)`` of a direction that moves with the lamp (:meth:`.OtherLights.reparameterised`)."""
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
@@ -149,9 +143,7 @@ class Lights:
         self.sampler = LightSampler(scene, self.emitters[: self.lamps]) if choose and self.lamps > 1 else None
 
     def number_of(self, emitter: Emitter, active: mi.Bool) -> Index:
-        """Returns the number of the lamp ``emitter``; the count of all lamps if it is the sky or None. The result has
-        no meaning in inactive lanes.
-        """
+        """Returns the number of the lamp ``emitter``; the count of all lamps for the sky and None."""
         if not self.jit:
             return self.emitters.index(emitter) if active and emitter is not None else self.lamps
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)

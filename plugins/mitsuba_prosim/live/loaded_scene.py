@@ -16,10 +16,7 @@ from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
 
 class LoadedScene:
-    """A scene that is loaded from the scene file ``file``; the live view uses the sensor with the index ``sensor``.
-
-    Raises the errors of loading plugins.
-    """
+    """The scene of ``file``, seen by its ``sensor``; raises the errors of loading plugins."""
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
         """Loads the scene; raises the errors of loading plugins, and those of :func:`.pick_sensor`."""
@@ -102,9 +99,7 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """Returns the name and the line of the surface that the camera sees at the centre of pixel (x, y); "background"
-        if the camera sees no surface there.
-        """
+        """Returns the name and line of the surface at the centre of pixel (x, y), or "background"."""
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)

@@ -152,9 +152,7 @@ class View:
 
     @property
     def image(self) -> np.ndarray:
-        """The rendered image in linear colours, shape (height, width, 3), which is the layer ``final`` of
-        :attr:`layers`. Raises ValueError if there is no image.
-        """
+        """The rendered image, linear, shape (height, width, 3). Raises ValueError if there is none yet."""
         if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._layers["final"]
@@ -181,10 +179,7 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders until the image is finished, and lets the notebook run other tasks after each work item.
-
-        If the task is cancelled, the render stops, and the image so far stays on the screen.
-        """
+        """Renders to the end; other tasks run after each work item. If cancelled, the image so far stays."""
         try:
             for _ in self._steps:
                 await asyncio.sleep(PAUSE)
@@ -230,9 +225,7 @@ class View:
         self._shown.value = as_png(values, self._factor, FAST)
 
     def _status(self) -> str:
-        """Returns a text with the error, the mean number of samples per pixel so far and the elapsed seconds. During
-        the first pass over the image, only the seconds are known.
-        """
+        """Returns the error, the samples a pixel and the seconds so far; only the seconds in the first pass."""
         samples, seconds = self._layers.get("samples"), f"{time.perf_counter() - self._started:.1f} s"
         if samples is None:
             return f"the first pass, {seconds}"
@@ -240,9 +233,7 @@ class View:
         return f"{words}, {samples.mean():.1f} samples a pixel, {seconds}"
 
     def _replace(self) -> None:
-        """Replaces the notebook's widgets by a text and, if there is an image, by a still image, because widgets work
-        only while the kernel is running.
-        """
+        """Replaces the widgets, which need a running kernel, by a text and, if there is one, a still image."""
         if self._place is None:  # IPython is not running
             return
         self._place.update(self._still(), metadata={"image/png": {"alt": self._label.value}}, raw=True)

@@ -74,9 +74,7 @@ class Camera:
         return replace(self, to_world=to_world)
 
     def dollied(self, factor: float) -> Camera:
-        """Returns the camera after a motion towards or away from the pivot, which multiplies the distance to the pivot
-        by ``factor``, within the limits of :data:`FARTHEST`.
-        """
+        """Returns the camera with its distance to the pivot times ``factor``, within :data:`FARTHEST`."""
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
         to_world = self.to_world.copy()
@@ -85,9 +83,7 @@ class Camera:
 
 
 def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
-    """Returns the 3x3 matrix of a right-handed rotation by ``degrees`` about the unit vector ``axis`` (Rodrigues'
-    formula).
-    """
+    """Returns the 3x3 matrix of a right-handed rotation by ``degrees`` about the unit vector ``axis``."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = np.radians(degrees)
@@ -95,9 +91,7 @@ def rotation(axis: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def nearest_axis(direction: np.ndarray) -> np.ndarray:
-    """Returns the unit vector of the coordinate axis (+x, -x, +y, ...) that is nearest to ``direction``, in world
-    coordinates.
-    """
+    """Returns the unit vector of the coordinate axis (+x, -x, +y, ...) that is nearest to ``direction``."""
     k = int(np.argmax(np.abs(direction)))
     return np.asarray(np.sign(direction[k]) * np.eye(3)[k])
 

@@ -86,9 +86,7 @@ class ProgressiveImage:
 
     @property
     def reached(self) -> Reached:
-        """Samples, error and time so far. After denoising, the error is that of the denoised image, and the errors of
-        99 % and 99.9 % of its pixels are not known.
-        """
+        """Samples, error and time so far; after denoising, without the errors of 99 % and 99.9 %."""
         reached: Reached = self.render.reached
         if (result := self._result) is None:
             return reached
@@ -134,9 +132,7 @@ def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def integrator_name(integrator: Any) -> str:
-    """Returns the plugin name of an integrator, such as ``path``. If the integrator contains a nested integrator,
-    returns the plugin name of the nested integrator.
-    """
+    """Returns the plugin name, such as ``path``, of an integrator, or of the one nested in it."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # a plugin of this project
         return str(integrator.name)
@@ -144,9 +140,7 @@ def integrator_name(integrator: Any) -> str:
 
 
 def not_compared(integrator: Any) -> str | None:
-    """Returns the reason why the live view cannot compare ``integrator`` with Mitsuba's ``path``; None if the
-    comparison is possible.
-    """
+    """Returns why the live view cannot compare ``integrator`` with Mitsuba's ``path``; None if it can."""
     if integrator_name(integrator) == "path":
         return "the scene's integrator is the path tracer already"
     if not can_light(getattr(integrator, "background", None)):

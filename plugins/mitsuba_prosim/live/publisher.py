@@ -58,9 +58,7 @@ class State:
 
 
 class Publisher:
-    """Holds the latest state and the latest pictures of the live view. Only one thread may call :meth:`publish`; any
-    thread may read the state and the pictures.
-    """
+    """Holds the latest state and pictures: only one thread may call :meth:`publish`, any may read."""
 
     def __init__(self, state: State) -> None:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False
@@ -78,10 +76,7 @@ class Publisher:
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:
-        """Yields the current state, and each later state, until the publisher is closed.
-
-        If the state changes several times within :data:`INTERVAL` seconds, only the last of these states is yielded.
-        """
+        """Yields the state and later ones, the last of each :data:`INTERVAL`, until the publisher is closed."""
         last = None
         while not self.closed:
             if self.state is not last:

@@ -131,10 +131,7 @@ def render(
 
 
 def load(caller: str, scene: AnyScene) -> mi.Scene:
-    """Returns the loaded ``scene``; raises RuntimeError if the variant is scalar or not set, and the errors of loading.
-
-    ``caller`` is the name of the function that renders the scene.
-    """
+    """Returns the loaded ``scene``; raises RuntimeError, about ``caller``, for a scalar variant or none."""
     if mi.variant() is None:
         raise RuntimeError(f"{caller}: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
     if str(mi.variant()).startswith("scalar"):

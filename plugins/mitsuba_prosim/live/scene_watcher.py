@@ -21,9 +21,7 @@ Stamp = tuple[int, ...] | None
 
 
 def stamp(path: Path) -> Stamp:
-    """Returns the stamp (inode, size and modification time) of a file or folder; None if ``path`` does not exist. The
-    stamp of a file changes when the file is written.
-    """
+    """Returns the inode, size and modification time of a file or folder; None if there is none."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -45,9 +43,7 @@ class SceneWatcher:
         self.stamps = {path.absolute(): stamp(path)}
 
     def opened(self, files: Iterable[Path]) -> None:
-        """Watches only the scene file and the ``files`` that the scene uses; call this method after the scene was
-        opened.
-        """
+        """Watches only the scene file and the ``files`` that the scene uses, from now on."""
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
@@ -63,9 +59,7 @@ class SceneWatcher:
         self._watch(files)
 
     def _watch(self, files: set[Path]) -> None:
-        """Watches these ``files`` and no others. A file that was already watched keeps its last known stamp, so that no
-        change of the file is missed.
-        """
+        """Watches these ``files``; those that were watched keep their last stamps, so that no change is missed."""
         self.stamps = {path: self.stamps[path] if path in self.stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:

@@ -98,9 +98,7 @@ class Connection(H11Protocol):
 
 
 class Server(uvicorn.Server):
-    """A server that accepts few connections at once, but lets many wait, and logs an error at most once per
-    :data:`LOG_INTERVAL`.
-    """
+    """Accepts few connections at once, lets many wait, and logs an error at most once per :data:`LOG_INTERVAL`."""
 
     #: Time of the event loop after which the next error is logged.
     due = 0.0
@@ -178,17 +176,13 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
 
 class Pages:
-    """Answers the HTTP requests of the live page. ``encode`` is the function that makes the EXR and PNG files which the
-    user saves from the page.
-    """
+    """Answers the requests of the live page. ``encode`` makes the EXR and PNG files that the user saves."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
-        """Returns the HTTP routes: the addresses of all requests that the live page sends, and of the page's HTML, CSS
-        and JavaScript files.
-        """
+        """Returns the routes of all requests of the live page, and of its files."""
         return [
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),
@@ -210,11 +204,7 @@ class Pages:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """Returns the values of a layer of a picture, see :meth:`.Picture.packed`.
-
-        The request may contain factors by which layers are multiplied, see :func:`factors`. The status is 404 if the
-        picture or the layer does not exist.
-        """
+        """Returns a layer (:meth:`.Picture.packed`), times :func:`factors`; status 404 if it does not exist."""
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
@@ -236,9 +226,7 @@ class Pages:
         return JSONResponse({**values, "surface": surface})
 
     async def explain(self, request: Request) -> Response:
-        """Returns the page that explains a pixel of the scene's image. The page may do nothing but run its own script.
-        The status is 400 if the pixel cannot be explained.
-        """
+        """Returns the page that explains a pixel, which may only run its own script; status 400 if it can't."""
         x, y = (request.path_params[name] for name in "xy")
         try:
             page = await self._call(lambda viewer: viewer.explanation(x, y))

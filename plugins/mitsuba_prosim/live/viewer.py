@@ -83,9 +83,7 @@ class Viewer:
     # ---------------------------------------------------------------- requests
 
     def call(self, work: Callable[[Viewer], Any]) -> Future[Any]:
-        """Schedules the short function ``work`` for execution by the thread that renders, between two work items;
-        returns a future of the function's result.
-        """
+        """Schedules ``work`` for the thread that renders, between two work items; returns a future of its result."""
         future: Future[Any] = Future()
         self._calls.put((work, future))
         return future
@@ -95,9 +93,7 @@ class Viewer:
         self.publisher.closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes fields of the current :class:`ViewRequest`. Only functions that :meth:`call` has scheduled may call
-        this method, because only the thread that renders may change the request.
-        """
+        """Changes fields of the :class:`ViewRequest`; for functions that :meth:`call` has scheduled."""
         self._request = replace(self._request, **changes)
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
@@ -181,9 +177,7 @@ class Viewer:
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:
-        """Does the next piece of work for the current request: opens the scene, begins or pauses the image, or renders
-        a work item. Does nothing if the image is finished or paused.
-        """
+        """Does the next piece of work: opens the scene, begins or pauses the image, or renders a work item."""
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:  # the scene could not be opened
@@ -283,9 +277,7 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Stores a new picture of ``image`` as it is now. For the image of the scene's integrator, if its render has
-        begun, also stores the number of samples and the noise so far.
-        """
+        """Stores a new picture of ``image`` and, for the scene's integrator, its samples and noise so far."""
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:

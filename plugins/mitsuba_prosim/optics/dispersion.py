@@ -64,9 +64,7 @@ class Dispersion:
         dr.make_opaque(self.coefficients)
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
-        """Returns the index of refraction at a ``wavelength`` in nm, which counts as the nearer end of 300 to 1000 nm
-        if it is outside.
-        """
+        """Returns the index at a ``wavelength`` in nm; outside 300 to 1000 nm the nearer end counts."""
         square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
         values = list(self.coefficients.values())
         if self.cauchy:  # n = A + B/λ² (+ C/λ⁴), by Horner's rule
@@ -94,9 +92,7 @@ class Indices:
             dr.make_opaque(self.eta)
 
     def etas(self, si: mi.SurfaceInteraction3f) -> list[mi.Float]:
-        """Returns a list of relative indices of refraction, inside divided by outside: one number for each channel of a
-        spectrum at ``si`` if an index depends on the wavelength, else one number.
-        """
+        """Returns inside / outside: one number for each channel of a spectrum at ``si`` if it varies, else one."""
         if self.eta is not None:
             return [self.eta]
         return [mi.Float(_at(self.inside, w) / _at(self.outside, w)) for w in wavelengths(si)]
@@ -194,9 +190,7 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:
-    """Returns Cauchy's coefficients A and B, for λ in µm, from the index ``n_d`` at Fraunhofer's line d and the Abbe
-    number.
-    """
+    """Returns Cauchy's coefficients A and B, for λ in µm, from the index at line d and the Abbe number."""
     b = (n_d - 1) / abbe / (1e6 / F**2 - 1e6 / C**2)
     return n_d - b * 1e6 / D**2, b
 

@@ -50,26 +50,20 @@ def beckmann(m: mi.Vector3f, alpha: mi.Float) -> mi.Float:
 
 
 def beckmann_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for :func:`beckmann`, by tan² = -alpha² ln(1 - u); returns ``(sin,
-    cos)``.
-    """
+    """Samples :func:`beckmann`'s polar angle, by tan² = -alpha² ln(1 - u); returns ``(sin, cos)``."""
     tan2 = -dr.maximum(alpha * alpha, 1e-8) * dr.log(1 - u)
     cos = dr.rsqrt(1 + tan2)
     return dr.sqrt(tan2) * cos, cos
 
 
 def phong(m: mi.Vector3f, exponent: mi.Float) -> mi.Float:
-    """Returns the density of facet normals in Blinn's form of Phong's model: (n + 2) / (2 pi) cos^n of the polar angle
-    of ``m``, where n is the ``exponent``.
-    """
+    """Returns the density of facet normals (n + 2) / (2 pi) cos^n, Blinn's form of Phong's; n is the ``exponent``."""
     # sin² / (1 + cos) is 1 - cos without cancellation.
     return (exponent + 2) * dr.inv_two_pi * cosine.power(dr.minimum(sin2(m) / (1 + m.z), 1), exponent)
 
 
 def phong_polar(u: mi.Float, exponent: mi.Float) -> tuple[mi.Float, mi.Float]:
-    """Samples the polar angle of a facet normal for :func:`phong`, by cos = (1 - u)^(1 / (n + 2)); returns ``(sin,
-    cos)``.
-    """
+    """Samples :func:`phong`'s polar angle, by cos = (1 - u)^(1 / (n + 2)); returns ``(sin, cos)``."""
     return cosine.sample(u, exponent + 1)
 
 

@@ -20,9 +20,7 @@ class Interface(NamedTuple):
 
 
 def eta2_minus_1(cos_i: mi.Float, eta: mi.Float) -> mi.Float:
-    """Returns eta_it² - 1, with full precision also for eta near 1. eta_it is ``eta`` if light arrives from outside
-    (``cos_i`` >= 0), else 1 / ``eta``.
-    """
+    """Returns eta_it² - 1 without cancellation; eta_it is ``eta`` from outside (``cos_i`` >= 0), else 1 / ``eta``."""
     difference = (eta - 1) * (eta + 1)
     return dr.select(cos_i >= 0, difference, -difference * dr.square(dr.rcp(eta)))
 
@@ -46,17 +44,13 @@ def interface(cos_i: mi.Float, eta: mi.Float) -> Interface:
 
 
 def conductor(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns the exact reflectance of a metal for unpolarised light, as a spectrum. Its relative index of refraction
-    is eta - i k; ``cos_i`` is the cosine of the incident direction.
-    """
+    """Returns the exact reflectance, for unpolarised light, of a metal with the relative index eta - i k."""
     channels = (mi.fresnel_conductor(cos_i, mi.Complex2f(n, x)) for n, x in zip(eta, k, strict=True))
     return mi.UnpolarizedSpectrum(*channels)
 
 
 def conductor_thesis(cos_i: mi.Float, eta: mi.UnpolarizedSpectrum, k: mi.UnpolarizedSpectrum) -> mi.UnpolarizedSpectrum:
-    """Returns the approximate reflectance of a metal for unpolarised light, good if eta² + k² >> 1 (thesis, section
-    2.2.3, after Cook and Torrance 1982). The arguments are those of :func:`conductor`.
-    """
+    """Returns a metal's approximate reflectance, good if eta² + k² >> 1 (thesis, 2.2.3; Cook and Torrance 1982)."""
     e = eta * eta + k * k
     twice = 2 * eta * cos_i
     square = cos_i * cos_i

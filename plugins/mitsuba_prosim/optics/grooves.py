@@ -120,9 +120,7 @@ def reflect_again(
 
 
 def power(base: Any, exponent: mi.Float) -> Any:
-    """Returns the power of ``base`` with a whole ``exponent`` >= 0, which counts as 127 above 127 (for an alpha above
-    30).
-    """
+    """Returns ``base`` to the power of a whole ``exponent`` >= 0; above 127 it counts as 127."""
     result, bits = type(base)(1), mi.UInt32(dr.minimum(exponent, 127))
     for bit in range(7):
         result *= dr.select((bits >> bit) & 1 != 0, base, 1)

@@ -68,9 +68,7 @@ class Material(mi.BSDF):
         return [ctx.is_enabled(kind, i) for i, kind in enumerate(self.types)]
 
     def parameters(self) -> dict[str, Any]:
-        """Returns a dictionary of the parameters that ``to_string`` and ``mi.traverse`` show: name -> value, or None
-        for an absent parameter.
-        """
+        """Returns name -> value of what ``to_string`` and ``mi.traverse`` show; None for an absent parameter."""
         own = {name: getattr(self, name) for name in (*self.PARAMETERS, "ambient")}
         if self.distribution is None:
             return own
@@ -202,9 +200,7 @@ class Pigmented(Material):
     # A subclass defines the next three methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
 
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
-        """Returns the fraction of the light that the specular component reflects: exact for a mirror, an estimate for a
-        rough surface.
-        """
+        """Returns the fraction that the specular component reflects: exact for a mirror, else an estimate."""
         raise NotImplementedError
 
     def specular_sample(

@@ -34,9 +34,7 @@ def _callback(variant: str) -> type:
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """Returns the parameters and the child objects of the Mitsuba object ``thing``, by their names in ``mi.traverse``,
-    without their own parts.
-    """
+    """Returns the parameters and child objects of ``thing``, by their names in ``mi.traverse``."""
     callback = _callback(mi.variant())()
     thing.traverse(callback)
     return callback.found

@@ -50,10 +50,7 @@ class SceneBundle:
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
-        """Writes the files to a temporary folder, loads the scene from this folder, and returns scene and sensor.
-
-        Raises the errors of :class:`.SceneFile` and of the scene's plugins.
-        """
+        """Loads the scene from a temporary copy. Raises the errors of :class:`.SceneFile` and of plugins."""
         with atomic.scratch() as folder:
             atomic.write({folder / name: content for name, content in self.contents.items()})
             scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()

@@ -33,10 +33,7 @@ TIMEOUT, REPLACE_INTERVAL, ATTEMPTS = 10, "2s", 3
 
 
 def silence() -> None:
-    """Hides all log messages of Dask's package ``distributed`` below the level CRITICAL.
-
-    ``mitsuba_prosim`` prints its own messages about lost workers and schedulers.
-    """
+    """Hides Dask's messages below CRITICAL, because this package prints its own of lost workers."""
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
@@ -101,10 +98,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def scheduler(address: str) -> Iterator[distributed.Client]:
-    """Connects to the running Dask scheduler at an ``address`` such as ``tcp://machine:8786``, and yields a client.
-
-    Raises ClusterError if no scheduler answers.
-    """
+    """Yields a client of the Dask scheduler at ``tcp://...``. Raises ClusterError if none answers."""
     silence()
     try:
         client = distributed.Client(address, set_as_default=False, timeout=TIMEOUT)

@@ -39,10 +39,7 @@ class ClusterError(RuntimeError):
 
 
 class DaskExecutor(Executor):
-    """Computes work items of the scene in ``bundle`` on the workers of the Dask cluster of ``client``.
-
-    Workers may join and leave the cluster during the render.
-    """
+    """Computes work items on the workers of the cluster of ``client``, which may come and go."""
 
     def __init__(self, client: distributed.Client, bundle: SceneBundle) -> None:
         super().__init__(SECONDS)
@@ -102,11 +99,7 @@ class DaskExecutor(Executor):
                 future.cancel()
 
     def _submit(self, item: WorkItem, done: distributed.as_completed) -> distributed.Future:
-        """Submits a work item to the cluster as a task; the iterator ``done`` later yields the result of this task.
-
-        The first task also sends the scene to the cluster. If the worker that executes the task is lost, Dask repeats
-        the task on another worker.
-        """
+        """Submits a work item, the first with the scene; ``done`` yields its result. Dask repeats a lost task."""
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
             call = worker.sample, self.client.id, self._environment, self._shared, worker.packed(item)

@@ -112,10 +112,7 @@ def sample(
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
-    """Computes a :func:`packed` work item, and returns ``(seconds, sums)``; the sums are pickled.
-
-    The seconds do not include the time for pickling.
-    """
+    """Computes a :func:`packed` work item; returns ``(seconds, sums)``, without the time for pickling."""
     with alone():
         work_item = WorkItem(estimator, *pickle.loads(item))
     started = time.perf_counter()

@@ -77,9 +77,7 @@ class Caustics:
 
     @staticmethod
     def maps(n: int) -> int:
-        """Returns the number of photon maps in a photon pass for sampling patterns of ``n``² samples: one for each
-        sample, but at most :data:`MAPS`.
-        """
+        """Returns the number of photon maps of a pass of ``n``² samples: one for each, at most :data:`MAPS`."""
         return min(n * n, MAPS)
 
     def use_pass(self, seed: int, number: int, n: int) -> None:
@@ -112,9 +110,7 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the number of photons, at least 1, that each pair of a light source and a target emits for one photon
-        map; ``n`` is the argument of :meth:`maps`.
-        """
+        """Returns the photons, at least 1, of each pair of light source and target in a photon map."""
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
@@ -178,9 +174,7 @@ class Gathering:
 
 
 def is_lambertian(bsdf: mi.BSDF) -> bool:
-    """Tells whether all diffuse lobes of ``bsdf`` are known to reflect equally in every direction (:data:`LAMBERTIAN`,
-    :data:`AROUND`).
-    """
+    """Tells whether all diffuse lobes of ``bsdf`` reflect equally in every direction, as far as is known."""
     return all(
         one.class_name() in AROUND
         or {one.class_name(), type(one).__name__} & set(LAMBERTIAN)

@@ -44,9 +44,7 @@ class Start:
 
 @dataclass(frozen=True)
 class EmissionSample:
-    """The targets, random numbers and wavelengths of photons that are to be emitted; each array has one entry per
-    photon.
-    """
+    """The targets, random numbers and wavelengths of photons to be emitted; an entry per photon."""
 
     #: Number of the target at which the photon is aimed.
     target: mi.UInt32
@@ -93,10 +91,7 @@ def can_be_aimed(emitter: mi.Emitter) -> bool:
 
 
 class Sources:
-    """The emitters of ``scene`` from which photons can start, paired with each of the ``targets``.
-
-    The pair ``p`` consists of the emitter ``p // targets.count`` and the target ``p % targets.count``.
-    """
+    """The emitters of ``scene`` that emit photons; pair ``p``: emitter p // targets.count, target p % targets.count."""
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets
@@ -201,9 +196,7 @@ class Sources:
     def _first_hit(
         self, sample: EmissionSample, ray: mi.Ray3f, active: mi.Bool
     ) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Returns the first surface point that ``ray`` meets, as a receiver of light, and whether there is one. The
-        flux of an unattenuated light source depends on its distance.
-        """
+        """Returns the first surface point that ``ray`` meets, as a receiver of light, and whether there is one."""
         pi = self.scene.ray_intersect_preliminary(ray, active=active)
         lit = active & pi.is_valid()
         # A ray that meets no surface gets any point; its flux becomes 0.

@@ -214,9 +214,7 @@ def grid_of(radius: mi.Float) -> mi.Int32:
 
 
 def cell_edge(grid: mi.Int32) -> mi.Float:
-    """Returns the edge length of the cells of the grid number ``grid``: twice the greatest kernel radius in this
-    grid.
-    """
+    """Returns the edge length of the cells of ``grid``: twice the greatest kernel radius in it."""
     return 2 * dr.exp2(mi.Float(grid + 1) * (1 / SIZES))
 
 

@@ -71,10 +71,7 @@ class Hit(Surface):
     density: mi.Float
 
     def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
-        """Returns the photons of this hit as :class:`.Landed` photons, which have landed on the surface.
-
-        ``weight`` is 1 divided by the probability that a photon lands here; ``density`` is the density of photons.
-        """
+        """Returns :class:`.Landed` photons; ``weight`` is 1 / the probability of landing; ``density`` theirs."""
         return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * weight), mi.Bool(True), density, self.level)
 
 
@@ -237,9 +234,7 @@ class PhotonMIS:
 
 
 def etendue_of(ray: Ray) -> mi.Float:
-    """Returns the étendue of ``ray``: the root of ``last_etendue``² + ``earlier_etendue``², because the power heuristic
-    adds squares of densities.
-    """
+    """Returns the root of ``last_etendue``² + ``earlier_etendue``²: the power heuristic adds squares of densities."""
     assert ray.earlier_etendue is not None
     # Without an earlier étendue the result is exactly ``last_etendue``: the square root of a square may differ by
     # rounding.
@@ -258,9 +253,7 @@ def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """Returns the MIS weight of a ray by the power heuristic, 1 / (1 + P²), where P is ``photons``, the expected number
-    of photons per ray. All photons that find the same light have the rest of the weight.
-    """
+    """Returns a ray's weight by the power heuristic, 1 / (1 + P²), for P expected photons per ray."""
     return dr.rcp(1 + dr.square(photons))
 
 
@@ -277,9 +270,7 @@ def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32)
 
 
 def kept_fraction(f: mi.Spectrum, pdf: mi.Float) -> mi.Float:
-    """Returns the fraction of a beam's light that a near-specular lobe keeps: its value ``f``, in the channel with the
-    greatest value, divided by its density ``pdf``.
-    """
+    """Returns the fraction of a beam that a near-specular lobe keeps: its greatest channel of ``f`` / ``pdf``."""
     return quotient(dr.max(mi.unpolarized_spectrum(f)), pdf)
 
 

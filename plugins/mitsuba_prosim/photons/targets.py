@@ -96,10 +96,7 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
 
 
 def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
-    """Returns ``(x, y, z, radius)``: the center and the radius of a sphere around ``shape``.
-
-    The radius includes the factor :data:`MARGIN`.
-    """
+    """Returns ``(x, y, z, radius)`` of a sphere around ``shape``, with the factor :data:`MARGIN`."""
     box = shape.bbox()
     center = np.array(box.center(), dtype=np.float64)
     if (vertices := mesh_positions(shape)) is not None:
@@ -137,16 +134,12 @@ def sphere_around(spheres: np.ndarray) -> tuple[float, ...]:
 
 
 def versine(x: mi.Point3f, center: mi.Point3f, radius: mi.Float) -> mi.Float:
-    """Returns 1 - cos of half the angle that a sphere subtends, seen from the point ``x``; 2, all directions, if ``x``
-    lies inside.
-    """
+    """Returns 1 - cos of half the angle of a sphere, seen from ``x``; 2, all directions, from inside."""
     sin2 = dr.square(radius) / dr.maximum(dr.squared_norm(center - x), 1e-30)
     return dr.select(sin2 < 1, sin2 / (1 + dr.safe_sqrt(1 - sin2)), 2)
 
 
 def direction(x: mi.Point3f, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f) -> mi.Vector3f:
-    """Samples a direction from ``x`` to a sphere, uniformly over the solid angle of the sphere; uniformly over all
-    directions if ``x`` lies inside the sphere. ``sample`` is a point in [0, 1)².
-    """
+    """Samples a direction from ``x`` to a sphere, uniform over its solid angle; any direction from inside."""
     axis = dr.select(dr.squared_norm(center - x) > 1e-30, dr.normalize(center - x), mi.Vector3f(0, 0, 1))
     return mi.Frame3f(axis).to_world(sample_falloff(sample, versine(x, center, radius)))

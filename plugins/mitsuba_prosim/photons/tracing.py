@@ -32,10 +32,7 @@ MAX_COSINE_RATIO = 8
 
 @dataclass
 class State:
-    """State of the loop that traces photons: the photons that are still in flight, and the photons that have landed.
-
-    ``level`` is the number of specular surfaces that a photon has met.
-    """
+    """The photons in flight and those that landed; ``level`` counts the specular surfaces met so far."""
 
     ray: mi.Ray3f
     flux: mi.Spectrum
@@ -116,9 +113,7 @@ class PhotonTracer:
         return State(ray, flux, scatters, medium, from_inseparable, density, glossy, level, landed)
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr]:
-        """Returns the surface points that the photons meet, with the flux that absorption leaves, and the medium in
-        which the photons arrive.
-        """
+        """Returns the points that the photons meet, with the flux that absorption leaves, and the medium before."""
         si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
         surface = state.active & si.is_valid()
         medium = medium_before(si, state.medium, d, surface & (state.level == 0))

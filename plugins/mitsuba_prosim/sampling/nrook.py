@@ -29,10 +29,7 @@ UInt: TypeAlias = "int | mi.UInt32"
 
 
 def pixel_key(seed: UInt, pixel: UInt) -> UInt:
-    """Returns the hash key of a pixel; ``seed`` and ``pixel`` are 32-bit unsigned integers (Python or Dr.Jit).
-
-    Both are hashed, so that the keys of one seed are not those of another seed, shifted to other pixels.
-    """
+    """Returns the hash key of a pixel; both arguments are hashed, so that seeds don't just shift pixels."""
     return combine(hash32(pixel), hash32(seed))
 
 
@@ -103,9 +100,7 @@ class NRook:
         self.division = t, permutations.n
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², in the space number ``space`` (:mod:`.spaces`); ``active`` is
-        ignored.
-        """
+        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored."""
         permute, n = self.permutations, self.permutations.n
         h_space = combine(self.key, space)
         h_pass = combine(h_space, self.r + 1)
@@ -130,9 +125,7 @@ class NRook:
 
 
 class SamplerPoints:
-    """The samples of a Mitsuba sampler, with the interface of :class:`NRook`; the samples depend on the order of the
-    calls.
-    """
+    """The samples of a Mitsuba sampler as an :class:`NRook`; they depend on the order of the calls."""
 
     def __init__(self, sampler: mi.Sampler) -> None:
         self.sampler = sampler

@@ -11,10 +11,7 @@ from .sobol import Sobol
 
 
 class PureSampler(mi.Sampler):
-    """A Mitsuba sampler whose samples are pure functions of seed, pixel, dimension and index.
-
-    The sampler has no random generator with a state. A subclass defines :meth:`points`.
-    """
+    """A sampler whose samples are pure functions of seed, pixel, dimension and index; see :meth:`points`."""
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)

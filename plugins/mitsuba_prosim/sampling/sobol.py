@@ -30,9 +30,7 @@ class Sobol:
         self.reversed = reverse(t)
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
-        """Returns the point of this sample, in [0, 1)², in the space number ``space`` (:mod:`.spaces`); ``active`` is
-        ignored.
-        """
+        """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored."""
         return point(combine(self.key, space), self.reversed)
 
     def choice(self, space: UInt) -> mi.Float:

@@ -8,9 +8,7 @@ import mitsuba as mi
 
 
 def can_light(background: Any) -> bool:
-    """Whether the integrator's ``background`` is None, or can be converted to an emitter because it is a constant
-    colour or a bitmap.
-    """
+    """Whether the ``background`` is None, a constant colour or a bitmap, which an emitter can replace."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 

@@ -34,9 +34,7 @@ def with_line(words: str, scene: Path | None = None) -> str:
 
 
 def _line(path: Path, line: int, column: int) -> str:
-    """Returns a line of an XML file, with a caret (^) below ``column``; an empty text if the suffix of the file is not
-    .xml, if the file cannot be read, or if the file has no such line.
-    """
+    """Returns a line of an XML file, with a caret below ``column``; an empty text if there is none."""
     if path.suffix != ".xml":
         return ""
     try:

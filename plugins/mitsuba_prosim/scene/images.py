@@ -58,9 +58,7 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Returns the luminance, shape (...), of linear colours, shape (..., 3), by the weights of ITU-R BT.709, rounded to
-    four decimals.
-    """
+    """Returns the luminance, shape (...), of linear colours, shape (..., 3), by ITU-R BT.709, to four decimals."""
     return rgb @ np.array([0.2126, 0.7152, 0.0722], dtype=rgb.dtype)
 
 
@@ -97,10 +95,7 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
 
 
 def is_whole(content: bytes) -> bool | None:
-    """Tells whether the ``content`` of an EXR file agrees with its checksum, so that each bit is that of :func:`exr`.
-
-    Returns None if the file has no checksum, so that another program has written the file.
-    """
+    """Tells whether an EXR file agrees with its checksum; None if it has none, as by another program."""
     stored = STORED.search(content)
     return (
         stored

@@ -24,10 +24,7 @@ def is_progressive(integrator: mi.Integrator) -> bool:
 
 
 def require_progressive(integrator: mi.Integrator, what: str) -> None:
-    """Raises ValueError if an integrator does not render progressively.
-
-    ``what`` is the name, for the error message, of the option or the function that needs a progressive integrator.
-    """
+    """Raises ValueError, in which ``what`` needs it, if an integrator does not render progressively."""
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
@@ -92,9 +89,7 @@ class Blocking(Steps):
         self.close = self._steps.close  # no further image is rendered
 
     def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
-        """Renders one image, or, in halves, two images with half of the samples each; yields a
-        :class:`.Step` after each image.
-        """
+        """Renders one image, or two with half of the samples each; yields a :class:`.Step` after each."""
         seeds, sensor = [seed], self._sensor
         if self._in_halves:
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
@@ -108,10 +103,7 @@ class Blocking(Steps):
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:
-        """Returns the developed images that are rendered so far, each of shape (height, width, channels).
-
-        In halves, the list has at most two images, each with half of the samples; else, the list has at most one image.
-        """
+        """Returns the developed images so far, (height, width, channels): two in halves, else one."""
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:

@@ -27,9 +27,7 @@ COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
-    """A parsed scene file. The file is read only once; each call of :meth:`load` makes a new scene from the parsed
-    content.
-    """
+    """A parsed scene file, read only once; each call of :meth:`load` makes a new scene from it."""
 
     def __init__(
         self,

@@ -23,9 +23,7 @@ class Throttle:
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """Measures how long the ``with`` block, which draws a picture, takes, and sets the earliest time of the next
-        picture.
-        """
+        """Measures how long the ``with`` block draws a picture, and sets the earliest time of the next."""
         started = clock()
         yield
         now = clock()

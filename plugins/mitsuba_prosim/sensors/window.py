@@ -89,10 +89,7 @@ class Window(mi.Sensor):
             raise reject(props, "near_clip", self.near_clip, "a number above 0 and below far_clip")
 
     def direction(self, position: mi.Point2f) -> mi.Vector3f:
-        """Returns the unit direction, in the camera's space, through a point of the crop window.
-
-        ``position`` is in [0, 1]², measured from the upper left corner of the crop window.
-        """
+        """Returns the unit direction, in camera space, at ``position`` in [0, 1]² of the crop window."""
         film = self.film()
         # Without a crop window, this formula keeps the film's size out of the code: all resolutions then share their
         # kernels.

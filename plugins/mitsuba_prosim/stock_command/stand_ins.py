@@ -64,10 +64,7 @@ def compiler() -> list[str]:
 
 
 def compile_stand_in(path: Path) -> None:
-    """Compiles a stand-in to the file ``path``; the stand-in starts the Python interpreter of this process.
-
-    Raises RuntimeError if the compiler fails.
-    """
+    """Compiles a stand-in that starts this Python interpreter. Raises RuntimeError if that fails."""
     command = [*compiler(), "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-s", f'-DPYTHON="{sys.executable}"']
     try:
         subprocess.run([*command, "-o", str(path), str(SOURCE)], check=True, capture_output=True, text=True)

@@ -101,9 +101,7 @@ class Brick(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the fraction of brick at ``si``: 1 in a brick, 0 in the mortar, and between 0 and 1 at a smoothed
-        edge.
-        """
+        """Returns the fraction of brick at ``si``: 1 in a brick, 0 in the mortar, between at a smoothed edge."""
         p, width = self.lookup(si)
         pitch_x, pitch_y = self.brick_width + self.mortar_width, self.brick_height + self.mortar_width
         # The fractions of a period that are brick.

@@ -99,9 +99,7 @@ class Stripes(Mixture):
         self.parameters_changed([])
 
     def value(self, si: mi.SurfaceInteraction3f) -> mi.Float:
-        """Returns the fraction of ``color0`` at ``si``: 1 in a stripe of ``color0``, 0 in a stripe of ``color1``,
-        between 0 and 1 at a smoothed edge.
-        """
+        """Returns the fraction of ``color0`` at ``si``: 1 or 0 in a stripe, between at a smoothed edge."""
         p, width = self.lookup(si)
         axis = dr.normalize(self.axis) * self.frequency
         return square_wave(dr.dot(p, axis), self.duty, dr.dot(width, dr.abs(axis)))

@@ -91,7 +91,5 @@ def medium_before(
 
 
 def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
-    """Returns ``medium`` in the type of :attr:`.Ray.medium`: a ``mi.MediumPtr``, or ``medium`` itself in scalar
-    variants. For None, the ``mi.MediumPtr`` is a null pointer.
-    """
+    """Returns ``medium`` (or null) in the type of :attr:`.Ray.medium`: itself in scalar variants."""
     return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

@@ -49,9 +49,7 @@ def differentiable(state: Any) -> list[tuple[Any, str]]:
 
 
 class Boundary(dr.CustomOp):
-    """A custom Dr.Jit operation that returns its input arrays unchanged, and evaluates the derivatives of these arrays
-    in a fixed order.
-    """
+    """A Dr.Jit operation that returns its inputs, and evaluates their derivatives in a fixed order."""
 
     def eval(self, arrays: list[Any]) -> list[Any]:  # noqa: D102
         return arrays

@@ -27,10 +27,7 @@ MAX_LEVEL, MIN_THROUGHPUT = 6, 0.01
 
 @dataclass
 class State:
-    """State of the loop that follows a camera ray through specular surfaces.
-
-    ``sampler`` draws the random numbers.
-    """
+    """State of the loop that follows a ray through specular surfaces; ``sampler`` draws random numbers."""
 
     ray: mi.Ray3f
     albedo: mi.Spectrum

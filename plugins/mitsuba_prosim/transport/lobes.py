@@ -34,9 +34,7 @@ BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
 
 
 def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDFContext:
-    """Returns the BSDF context ``context`` (default: all lobes), restricted to the lobes whose ``mi.BSDFFlags`` have
-    these ``names``.
-    """
+    """Returns the BSDF ``context`` (default: all lobes), restricted to the lobes with these ``names``."""
     context = context or mi.BSDFContext()
     return mi.BSDFContext(context.mode, context.type_mask & mask(*names), context.component)
 
@@ -60,7 +58,5 @@ def mask(*names: str) -> int:
 
 
 def has_any(flags: int | mi.UInt32, *names: str) -> mi.Bool:
-    """Tells whether the BSDF ``flags``, an integer or a Dr.Jit array, contain at least one of the ``mi.BSDFFlags`` with
-    these ``names``.
-    """
+    """Tells whether ``flags``, an integer or a Dr.Jit array, contain one of the ``mi.BSDFFlags`` ``names``."""
     return (flags & mask(*names)) != 0

@@ -19,9 +19,7 @@ from .transport_context import Context
 
 @dataclass
 class Counters:
-    """The number of diffuse reflections of a path so far, and the product of the relative indices of refraction of the
-    surfaces that it crossed.
-    """
+    """A path's number of diffuse reflections, and the product of the relative indices that it crossed."""
 
     #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
     #: makes Dr.Jit trace the loop twice.
@@ -31,9 +29,7 @@ class Counters:
 
 
 def start(context: Context, ray: Ray) -> Counters:
-    """Returns the :class:`Counters` at the start of a path. ``ray`` is unused; :func:`.tree.start` has the same
-    signature.
-    """
+    """Returns the :class:`Counters` at the start of a path; ``ray`` is unused, as a tree has it."""
     return Counters(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 

@@ -122,9 +122,7 @@ class ByTerm(Layers):
         return dr.select(ray.level == 0, self.number(term), beyond)
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
-        """Returns the number of the layer "indirect", "refracted" or "reflected" if the next ray leaves the first
-        vertex, else ``ray.branch``.
-        """
+        """Returns the layer "indirect", "refracted" or "reflected" at the first vertex, else ``ray.branch``."""
         if diffuse:
             lobe = self.number("indirect")
         else:

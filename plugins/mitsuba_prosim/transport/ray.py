@@ -12,11 +12,7 @@ from ..light.strategy import Receiver
 
 @dataclass
 class Ray:
-    """A ray of a ray tree or path, with data of the ray such as its throughput, level and density.
-
-    All fields of a ray are Dr.Jit arrays of the same width. A field of a ray is None if the render does not need the
-    field.
-    """
+    """A ray of a tree or path. All fields are Dr.Jit arrays of one width, or None if not needed."""
 
     o: mi.Point3f
     d: mi.Vector3f
@@ -90,9 +86,7 @@ class Vertex(Surface):
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """Returns the MIS weight, by the power heuristic (Veach 1997), of a sample with the density ``pdf`` that another
-    strategy takes with the density ``other``; 0 where ``pdf`` is 0.
-    """
+    """Returns the weight by the power heuristic (Veach 1997) of a sample of density ``pdf``; 0 where it is 0."""
     pdf, other = dr.square(pdf), dr.square(other)
     return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)
 

@@ -19,10 +19,7 @@ from .workarounds import requested_lobes
 
 
 def disperses(scene: mi.Scene) -> bool:
-    """Tells whether any BSDF of ``scene`` is dispersive.
-
-    A dispersive BSDF refracts each wavelength in a different direction, and has a true attribute ``disperses``.
-    """
+    """Tells whether a BSDF refracts each wavelength differently: its attribute ``disperses`` is true."""
     return any(getattr(bsdf, "disperses", False) for bsdf in all_bsdfs(scene))
 
 
@@ -100,10 +97,7 @@ class Scattering:
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
     def eval(self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
-        """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``.
-
-        In the lanes where ``at.inseparable`` is true, the value is that of all lobes of the BSDF together.
-        """
+        """Returns the value of ``lobe`` times the cosine of ``wo``; of all lobes where ``at.inseparable``."""
         if self.any_inseparable:
             return dispatch(at.bsdf, lambda one, *args: one.eval(requested_lobes(lobe, one), *args), at.si, wo, active)
         return at.bsdf.eval(lobe, at.si, wo, active)

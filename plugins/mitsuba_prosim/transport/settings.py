@@ -24,10 +24,7 @@ class Settings:
 
     @property
     def follows_tree(self) -> bool:
-        """Whether the integrator follows Whitted's ray tree instead of paths.
-
-        If ``diffuse_bounces`` is 0, the integrator follows the ray tree, which has no rays from diffuse lobes.
-        """
+        """Whether the integrator follows Whitted's ray tree, which has no diffuse rays, instead of paths."""
         return self.diffuse_bounces == 0
 
 

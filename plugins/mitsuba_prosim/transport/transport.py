@@ -96,10 +96,7 @@ class Transport(Context):
 
 
 class InnerIntegrator:
-    """Estimates the radiance of camera rays in ``scene`` by an integrator of Mitsuba, a ``mi.SamplingIntegrator``.
-
-    The class has the same interface as :class:`Transport`. One object is used for all camera rays of a render.
-    """
+    """:class:`Transport` by an integrator of Mitsuba; one object serves all camera rays of a render."""
 
     #: The integrator computes its own photons and layers, if it has any.
     caustics, has_layers, rays_per_sample = None, False, RAYS_PER_PATH
@@ -134,9 +131,7 @@ RadianceEstimator: TypeAlias = Transport | InnerIntegrator
 
 
 def sampler_of(points: NRook | Sobol) -> Any:
-    """Returns a ``mi.Sampler`` that draws its random numbers from the sampling pattern ``points``: each call uses the
-    next space, the first one after those of the camera.
-    """
+    """Returns a ``mi.Sampler`` over ``points``: each call uses the next space after those of the camera."""
     # The sampler calls its method ``points`` for each draw. Here this method returns the pattern of the caller.
     sampler = create("owen")
     sampler.points, sampler.dimension = lambda: points, mi.UInt32(CAMERA_SPACES)

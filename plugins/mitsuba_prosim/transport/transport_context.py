@@ -99,9 +99,7 @@ class Context:
             self.observer(event, ray, **values)
 
     def first(self, camera: mi.Ray3f) -> Ray:
-        """Returns the camera ray ``camera`` as the first :class:`.Ray` of a ray tree or path. Fields that the render
-        does not need are None. Its normal ``n`` has no meaning.
-        """
+        """Returns ``camera`` as the first :class:`.Ray`; unneeded fields are None, its normal has no meaning."""
         node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
         # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
         offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
@@ -113,9 +111,7 @@ class Context:
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:
-        """Returns the number of the ``k``-th space of the sampling pattern for the node number ``node``; a space is a
-        pair of random numbers.
-        """
+        """Returns the ``k``-th space, a pair of random numbers, of the node number ``node``."""
         return CAMERA_SPACES + node * (NODE_SPACES + self.lights.count) + k
 
 

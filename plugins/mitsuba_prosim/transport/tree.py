@@ -51,9 +51,7 @@ class Stack:
 
 
 def start(context: Context, ray: Ray) -> Stack:
-    """Returns the empty stack at the start of a ray tree; ``ray`` only fills its slots. There are no slots if no vertex
-    can have two rays.
-    """
+    """Returns an empty stack, filled with ``ray``; it has no slots if no vertex can have two rays."""
     rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
     return Stack(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Context.first
 

@@ -71,9 +71,7 @@ def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
 
 
 def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` is or contains a ``blendbsdf`` that mixes ideal with smooth lobes of the BSDF context
-    ``lobe``.
-    """
+    """Tells whether ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
 
@@ -183,9 +181,7 @@ def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
 def eval_pdf(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` of ``bsdf`` times the cosine for the direction ``wo``, and the density with which
-    :func:`sample` samples ``wo``.
-    """
+    """Returns the value of ``lobe`` times the cosine of ``wo``, and the density of :func:`sample`."""
     lobe = requested_lobes(lobe, bsdf)
     return bsdf.eval_pdf(_with_null_of_mask(lobe, bsdf), si, wo, active)
 

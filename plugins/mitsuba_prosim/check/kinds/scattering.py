@@ -215,9 +215,7 @@ class BSDF(Tests):
             self.report.equal("components add up to the whole", sum(parts), q.value, q.where)
 
     def test_symmetry(self, bsdf: Any) -> None:
-        """f(wi, wo) = f(wo, wi), where radiance one way is importance the other way; without a flag, a turn is
-        nothing.
-        """
+        """f(wi, wo) = f(wo, wi), where radiance one way is importance the other way."""
         q, tilted = Queries(bsdf), is_tilted(bsdf)
         back = bsdf.eval(mi.BSDFContext(mi.TransportMode.Importance), surface(q.out, q.uv), mi.Vector3f(q.wi))
         cosines = np.abs(q.wi[2]), np.abs(q.out[2])
@@ -275,9 +273,7 @@ class Medium(Tests):
     """Tests of a medium."""
 
     def test_coefficients(self, medium: Any) -> None:
-        """Coefficients are not negative; scattering is a part of the extinction, and null collisions fill the
-        majorant.
-        """
+        """Coefficients are not negative; scattering is part of the extinction; null collisions fill the majorant."""
         mei = crossing(medium, mi.Float(uniform(INPUTS, 1, 3)[0]))
         found = rows(mei.is_valid(), INPUTS)[0].astype(bool)
         scattering, null, extinction = (rows(v, INPUTS) for v in medium.get_scattering_coefficients(mei))

@@ -4,6 +4,7 @@ This package is not a part of ``mitsuba_prosim``, because importing any module o
 Help does not need Mitsuba, and Ctrl-C must work from the beginning.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -33,6 +34,7 @@ def main() -> None:
     # example) stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    gc.disable()  # modules make many objects and no garbage
     from .group import prosim
 
     try:
@@ -42,7 +44,9 @@ def main() -> None:
         # Otherwise Python would write to standard output again when the process ends, and report a second error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    finally:  # ignores signals while Python ends, because the work is done
+    finally:
+        gc.freeze()  # Python would search all objects for garbage before the process ends
+        # Ignores signals while Python ends, because the work is done.
         for name in {"SIGINT", "SIGTERM", "SIGHUP"} & set(dir(signal)):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 

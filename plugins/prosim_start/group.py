@@ -1,5 +1,6 @@
 """The commands of ``prosim`` by name; the module of a command is imported when the command is called."""
 
+import gc
 import os
 import pkgutil
 import sys
@@ -34,6 +35,7 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = pkgutil.resolve_name(COMMANDS[cmd_name][0])
+        gc.enable()  # :func:`.main` has disabled it
         return command
 
     def resolve_command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -323,10 +324,13 @@ def choose_variant(name: str | None) -> str:
     The function also loads all plugins. The function warns if the variant is scalar, because scalar variants are slow.
     Raises ImportError if Mitsuba does not have the variant, and ClickException if this machine cannot use the variant.
     """
+    gc.disable()  # modules make many objects and no garbage
     try:
         variant = session.set_variant(name)
     except RuntimeError as error:
         raise click.ClickException(session.message(error)) from None
+    finally:
+        gc.enable()
     if variant.startswith("scalar_"):
         click.echo(f"{variant}: plugins in Python are hundreds of times slower than in an llvm variant", err=True)
     return variant

@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
-from .checkpoint import Checkpoint
 from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
 from .goal import Measure, Pass, goal_of
@@ -23,6 +22,9 @@ from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
 from .work import Executor, Step, Steps, Wanted, lacking, photon_batches, work_items
+
+if TYPE_CHECKING:
+    from .checkpoint import Checkpoint
 
 #: Minimum number of samples per pixel, and maximum relative deviation, of a bound of the RMS error that is known.
 FEW, KNOWN = 8, 0.1
@@ -236,4 +238,6 @@ class Render(Steps):
     @alone()
     def checkpoint(self) -> Checkpoint:
         """Returns the :class:`.Checkpoint` with which another process can continue the render."""
+        from .checkpoint import Checkpoint  # imports modules that an image does not need
+
         return Checkpoint.of(self.state, self.target.elapsed, self.finished)

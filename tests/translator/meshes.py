@@ -1,7 +1,9 @@
 """Scenes as text, their meshes, and what is measured on them."""
 
 import numpy as np
+import prosim_scene
 from prosim_scene.geometry import TranslationCache, tessellate
+from prosim_scene.geometry.solids import matrices
 from prosim_scene.language import document_of
 from prosim_scene.mitsuba import assemble
 from prosim_scene.view import camera_of
@@ -59,3 +61,28 @@ def assert_closed(meshes):
     forward = edges[:, 0] * (t.max() + 1) + edges[:, 1]
     backward = edges[:, 1] * (t.max() + 1) + edges[:, 0]
     assert np.array_equal(np.sort(forward), np.sort(backward))
+
+
+def turned(text, index=0):
+    """A function from points to the space of TRANSFORM 0, or of another one, and the linear part of its matrix."""
+    to_local = np.linalg.inv(matrices([prosim_scene.parse(text).transforms[index]])[0])
+    return lambda p: p @ to_local[:3, :3].T + to_local[:3, 3], to_local[:3, :3]
+
+
+def curved_face(shape, p):
+    """Values and gradients of a function that is 0 on the curved face of a primitive, at points in its own space."""
+    name, radius = shape.split()[0], float(shape.split("radius")[1]) if "radius" in shape else 0.25
+    if name != "TORUS" and "radius" not in shape:
+        form = np.array({"SPHERE": (1, 1, 1), "CYLINDER": (1, 1, 0), "CONE": (1, 1, -1)}[name])
+        return p**2 @ form - (name != "CONE"), 2 * p * form
+    rho = np.linalg.norm(p[..., :2], axis=-1, keepdims=True)
+    if name == "CONE":
+        value, gradient = rho - radius - (1 - radius) * p[..., 2:], (p[..., :2] / rho, np.full(rho.shape, radius - 1))
+        return value[..., 0], np.concatenate(gradient, axis=-1)
+    around = np.hypot(rho - 1, p[..., 2:])
+    return (around - radius)[..., 0], np.concatenate([p[..., :2] * (1 - 1 / rho), p[..., 2:]], axis=-1) / around
+
+
+def is_side(shape, p):
+    """Which triangles (n, 3, 3) lie on the curved face, and not on a disc."""
+    return np.ptp(p[..., 2], axis=1) > 1e-6 if shape[:2] in ("CO", "CY") else np.ones(len(p), bool)

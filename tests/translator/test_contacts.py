@@ -17,9 +17,8 @@ WEIGHTS = np.array([*np.eye(3), *(1 - np.eye(3)) / 2, [1 / 3] * 3])
 def meshes_and_error(text):
     """The meshes of a scene, and their largest distance from the curved faces of their leaves, in pixels."""
     meshes, camera, result = solids(text, 0.1), camera_of(document_of(text)), [0.0]
-    shapes = dict(re.findall(r"(\d+) ([A-Z]+)", " ".join(text.partition("CSG-TREE")[2].split()[::-1])))
-    for index, mesh in meshes.items():
-        if (shape := shapes[str(index)]) == "CUBE":
+    for shape, index in re.findall(r"(SPHERE|CYLINDER|CONE) (\d+)", text):
+        if (mesh := meshes.get(index := int(index))) is None:
             continue
         local, linear = turned(text, index)
         triangles = mesh.positions[camera.may_see(mesh.positions)]

@@ -1,7 +1,6 @@
 """The eye, a light, or a part of a light inside an opaque solid."""
 
 import re
-import warnings
 
 import prosim_scene
 import pytest
@@ -10,8 +9,6 @@ from test_mesh_files import obj
 #: Lights, a tree, what is inside a solid, and the solid; "" if nothing is. CUBE 1 is 4 wide, around the origin.
 CASES = [
     ("POINT position 1 1 1", "CUBE 1", "light", "CUBE 1"),
-    ("POINT position 1 1 1 POINT position 9 9 9", "CUBE 1", "light", "CUBE 1"),
-    ("POINT position 9 9 9 POINT position 1 1 1", "CUBE 1", "light", "CUBE 1"),
     ("AREA position 0 0 0 radius .1", "CUBE 1", "light", "CUBE 1"),
     ("AREA position 0 2 0 radius .5", "CUBE 1", "a part of the light", "CUBE 1"),
     ("AREA position 0 2.5 0 radius .5", "CUBE 1", "", ""),  # on the solid
@@ -55,19 +52,22 @@ END
 """
 
 
-def told(path, **fields):
+@pytest.fixture
+def told(write_scene, recwarn):
     """The warnings about enclosure of a scene, which are about their places."""
-    path.write_text(SCENE.format(**{"eye": "0 0 99", "lights": "", "tree": "CUBE 1", "move": ""} | fields))
-    (path.parent / "cube.obj").write_bytes(obj())
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+
+    def warned(lights="", tree="CUBE 1", eye="0 0 99", move=""):
+        path = write_scene(SCENE.format(lights=lights, tree=tree, eye=eye, move=move))
+        path.with_name("cube.obj").write_bytes(obj())
         prosim_scene.check(path)
-    return [w.message for w in caught if "is opaque" in str(w.message)]
+        return [w.message for w in recwarn if "is opaque" in str(w.message)]
+
+    return warned
 
 
 @pytest.mark.parametrize("lights, tree, what, solid", CASES)
-def test_light_in_an_opaque_solid_is_named(tmp_path, lights, tree, what, solid):
-    warned = told(tmp_path / "s.scn", lights=lights, tree=tree)
+def test_light_in_an_opaque_solid_is_named(told, lights, tree, what, solid):
+    warned = told(lights, tree)
     assert len(warned) == bool(what)
     for one in warned:
         assert re.fullmatch(
@@ -80,16 +80,16 @@ def test_light_in_an_opaque_solid_is_named(tmp_path, lights, tree, what, solid):
     "lights, tree, what, solid",
     [case for case in CASES if re.fullmatch("POINT position [^A-Z]*", case[0]) and "MESH" not in case[1]],
 )
-def test_eye_in_an_opaque_solid_is_named(tmp_path, lights, tree, what, solid):
+def test_eye_in_an_opaque_solid_is_named(told, lights, tree, what, solid):
     """Also in a scene far from the origin."""
     eye = " ".join(str(float(x) + 1e4) for x in lights.split()[-3:])
-    warned = told(tmp_path / "s.scn", eye=eye, tree=tree, move="TRANSLATE 1e4 1e4 1e4")
+    warned = told(eye=eye, tree=tree, move="TRANSLATE 1e4 1e4 1e4")
     assert [one.line for one in warned] == [2] * bool(what)
     assert all(one.reason.startswith(f"the eye is inside {solid} (line 5)") for one in warned)
 
 
-def test_each_light_is_named(tmp_path):
-    warned = told(tmp_path / "s.scn", lights="POINT position 1 1 1 AREA position 9 9 9\nPOINT position 1 1 0")
+def test_each_light_is_named(told):
+    warned = told(lights="POINT position 1 1 1 AREA position 9 9 9\nPOINT position 1 1 0")
     assert [(one.reason[:21], one.line) for one in warned] == [
         ("the light on line 1 i", 1),
         ("the light on line 2 i", 2),

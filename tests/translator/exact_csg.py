@@ -214,37 +214,39 @@ def text(rng, shapes, transforms, nodes, size=(120, 90)):
 
 
 def general(rng):
-    count = rng.integers(2, 7)
-    shapes = [SHAPES[rng.integers(4)] for _ in range(count)]
+    shapes = [SHAPES[rng.integers(4)] for _ in range(rng.integers(2, 7))]
     transforms = [
         f"SCALE ({numbers(rng.uniform(0.5, 2, 3) * rng.choice([-1, 1], 3))}) {turn(rng)} "
         f"TRANSLATE ({numbers(rng.uniform(-1, 1, 3))})"
         for _ in shapes
     ]
-    return text(rng, shapes, transforms, tree(rng, count))
+    return text(rng, shapes, transforms, tree(rng, len(shapes)))
+
+
+def scattered(rng, weights, sizes, places, after=""):
+    """Primitives of the SHAPES, each as probable as its weight, whose numbers are some of ``sizes`` and ``places``."""
+    shapes = [SHAPES[rng.choice(4, p=weights)] for _ in range(rng.integers(2, 6))]
+    transforms = [
+        f"SCALE ({numbers(rng.choice(sizes, 3) * rng.choice([-1, 1], 3))}) {quarters(rng, 2)} "
+        f"TRANSLATE ({numbers(rng.choice(places, 3))}) {after}"
+        for _ in shapes
+    ]
+    return text(rng, shapes, transforms, tree(rng, len(shapes)))
+
+
+def quarters(rng, count):
+    """Steps of turns by right angles."""
+    return " ".join(f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)})" for _ in range(count))
 
 
 def grid(rng, after=""):
-    count = rng.integers(2, 6)
-    shapes = [SHAPES[rng.choice(4, p=[0.6, 0.05, 0.25, 0.1])] for _ in range(count)]
-    transforms = [
-        f"SCALE ({numbers(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3))}) "
-        f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
-        f"ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
-        f"TRANSLATE ({numbers(rng.integers(-3, 4, 3) / 2)}) {after}"
-        for _ in shapes
-    ]
-    return text(rng, shapes, transforms, tree(rng, count))
+    return scattered(rng, [0.6, 0.05, 0.25, 0.1], [0.5, 1, 2], np.arange(-3, 4) / 2, after)
 
 
-def blocks(rng, after=""):
-    """Some boxes of a grid, touching and overlapping."""
-    count = rng.integers(2, 6)
-    transforms = [
-        sized(rng.choice([0.5, 1, 2], 3) * rng.choice([-1, 1], 3), rng.integers(-2, 3, 3) / 2, after)
-        for _ in range(count)
-    ]
-    return text(rng, ["CUBE"] * count, transforms, tree(rng, count, "+++-*"))
+def decimals(rng):
+    """A grid of decimal fractions: sums that are not exact."""
+    places = np.array([-12, -7, -3, 0, 3, 7, 9]) / 10
+    return scattered(rng, [0.7, 0, 0.2, 0.1], np.arange(3, 21) / 10, places)
 
 
 def chains(rng):
@@ -264,23 +266,6 @@ def unions(rng):
         for _ in shapes
     ]
     return text(rng, shapes, transforms, ["+"] * (count - 1) + list(range(count)))
-
-
-def turned_grid(rng):
-    return grid(rng, turn(rng))
-
-
-def stretched_grid(rng):
-    return grid(rng, f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(0.7, 1.4, 3))}) {turn(rng)}")
-
-
-def decimals(rng):
-    """A grid of decimal fractions: sums that are not exact."""
-    count = rng.integers(2, 6)
-    shapes = [SHAPES[rng.choice(4, p=[0.7, 0, 0.2, 0.1])] for _ in range(count)]
-    places = [-12, -7, -3, 0, 3, 7, 9]
-    transforms = [sized(rng.integers(3, 21, 3) / 10, rng.choice(places, 3) / 10) for _ in shapes]
-    return text(rng, shapes, transforms, tree(rng, count))
 
 
 def same_quadric(rng):
@@ -313,13 +298,9 @@ def nested(rng):
     after = turn(rng) if rng.random() < 0.5 else ""
     shapes, transforms, size = [], [], 2.0
     for _ in range(count):
-        shape = SHAPES[rng.integers(3)]
-        shapes.append(shape)
-        centre = {
-            "CUBE": "TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)",
-            "SPHERE": "",
-            "CYLINDER": "TRANSLATE (0 0 -.5) SCALE (1 1 2)",
-        }[shape]
+        kind = rng.integers(3)
+        shapes.append(SHAPES[kind])
+        centre = ("TRANSLATE (-.5 -.5 -.5) SCALE (2 2 2)", "", "TRANSLATE (0 0 -.5) SCALE (1 1 2)")[kind]
         transforms.append(f"{centre} SCALE ({numbers([size] * 3)}) {after}")
         size *= rng.choice([1.0, 0.9, 0.75, 0.5])
     return text(rng, shapes, transforms, tree(rng, count, "+-*-"))
@@ -337,11 +318,8 @@ def grazing(rng):
         return "SPHERE", sized([radius] * 3, place, after)
 
     def pole(radius, x, z, shape="CYLINDER", size=2, tilt=90):
-        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})"
-        return (
-            shape,
-            f"{spin} SCALE ({numbers([radius, radius, size])}) ROTATE-X ({tilt}) TRANSLATE ({x} 1 {z}) {after}",
-        )
+        spin, scale = f"ROTATE-Z ({rng.uniform(0, 360)!r})", numbers([radius, radius, size])
+        return shape, f"{spin} SCALE ({scale}) ROTATE-X ({tilt}) TRANSLATE ({x} 1 {z}) {after}"
 
     solids = [
         ("CUBE", sized([3, 3, 0.5], [-1.5, -1.5, -0.5], after)),
@@ -402,20 +380,23 @@ def half_spaces(rng, after=""):
     for _ in range(count):
         shapes += [round_shape(rng) if rng.random() < 0.3 else SHAPES[rng.choice(4, p=[0.6, 0.1, 0.2, 0.1])], "PLANE"]
         transforms += [
-            f"SCALE ({numbers(size)}) ROTATE-{'XYZ'[rng.integers(3)]} ({90 * rng.integers(-1, 4)}) "
-            f"TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}"
+            f"SCALE ({numbers(size)}) {quarters(rng, 1)} TRANSLATE ({numbers(rng.integers(-2, 3, 3) / 2)}) {after}"
             for size in (rng.choice([0.5, 1, 2], 3), rng.choice([-1, 1], 3))
         ]
     return text(rng, shapes, transforms, nodes)
 
 
-def turned_half_spaces(rng):
-    return half_spaces(rng, turn(rng))
+def stretched(rng):
+    return f"ROTATE-X ({rng.uniform(0, 90)!r}) SCALE ({numbers(rng.uniform(0.7, 1.4, 3))}) {turn(rng)}"
 
 
-GRIDS = grid, turned_grid, stretched_grid, decimals, half_spaces, turned_half_spaces
+GRIDS = grid, decimals, half_spaces
 ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, slices
-KINDS = {f.__name__: f for f in (general, chains, *GRIDS, *ROUND)}
+KINDS = {f.__name__: f for f in (general, chains, *GRIDS, *ROUND)} | {
+    "turned_grid": lambda rng: grid(rng, turn(rng)),
+    "stretched_grid": lambda rng: grid(rng, stretched(rng)),
+    "turned_half_spaces": lambda rng: half_spaces(rng, turn(rng)),
+}
 
 
 # ---- The comparison --------------------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """Translated scenes against CSG's definition, evaluated exactly along rays: see :mod:`exact_csg`."""
 
 import re
-import warnings
 
 import drjit as dr
 import exact_csg
@@ -15,6 +14,8 @@ from prosim_scene.geometry import csg
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf
 from prosim_scene.view import camera_of
+
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")  # some primitives vanish
 
 EDGE = 2  # pixels that may be wrong: slivers at the ends of edges, and what single precision does to them
 
@@ -54,18 +55,14 @@ def wrong_pixels(text, folder):
     """How many pixels of a scene are wrong, its leaves numbered in the order of the tree."""
     path = folder / "scene.scn"
     path.write_text(text)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # some primitives vanish
-        document = document_of(text, path)
-        prosim_scene.translate(path)
+    document = document_of(text, path)
+    prosim_scene.translate(path)
     return len(exact_csg.wrong_pixels(document.scene, camera_of(document), seen_by_meshes(folder)))
 
 
 def wrong_owners(text, seed=0):
     """How many of 1,000 points on the surfaces of a scene have the material of a wrong leaf."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # some primitives vanish
-        meshes, read = solids(text, 0.1), document_of(text).scene
+    meshes, read = solids(text, 0.1), document_of(text).scene
     if not meshes:
         return 0
     indices = [node.index for node in read.csg if isinstance(node, Leaf)]

@@ -103,15 +103,6 @@ def test_every_word_has_a_meaning():
         assert word.meaning and description(word).startswith(f"**{word.canonical}**")
 
 
-def test_all_occurrences_of_a_symbol_are_found():
-    symbols = Symbols(SCENE)
-    here = symbols.occurrence_at(SCENE.index("SPHERE 1") + 7)
-    assert [SCENE[: one.start].count("\n") for one in symbols.table[here.symbol] if one.defines] == [7, 9]
-    for word, shift, count in (("SPHERE 1", 7, 4), ("$turn", 1, 4), ("t-mine", 2, 1)):
-        here = symbols.occurrence_at(SCENE.index(word) + shift)
-        assert len(symbols.table[here.symbol]) == count
-
-
 def test_references_find_every_use_of_a_symbol():
     text = """DEFAULT $a = 1 DEFAULT $ab = 2
 CSG-TREE + CUBE: 07 + ESFERA (the (7) one) 7 - CONE # 7

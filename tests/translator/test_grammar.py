@@ -90,12 +90,9 @@ def test_examples_are_formatted_and_use_one_language(path):
     text = prosim_scene.read(path)
     assert prosim_scene.format(text, path) == text
     used = {normalise(word) for word in spelled(text)} - {path.stem}  # NAME is no word of the language
-    portuguese = {spelling for _, spellings in TRANSLATIONS for spelling in map(normalise, spellings)}
-    english = {spelling for spellings, _ in TRANSLATIONS for spelling in map(normalise, spellings)}
-    expected = (
-        {"composto", "condutor", "obs", "raio", "rug", "t-tijolo", "t-listra"} if path.stem == "palito" else set()
-    )
-    assert (used & portuguese) - english == expected
+    english, portuguese = ({normalise(word) for words in column for word in words} for column in zip(*TRANSLATIONS))
+    expected = {"composto", "condutor", "obs", "raio", "rug", "t-tijolo", "t-listra"}
+    assert (used & portuguese) - english == (expected if path.stem == "palito" else set())
 
 
 @pytest.mark.slow
@@ -148,14 +145,10 @@ def test_formatter_keeps_comments_before_the_next_word():
 
 
 def test_words_and_numbers_stay_as_the_writer_wrote_them():
-    tidy = prosim_scene.format("texture t-x fractal escala=03.50 TRANSFORM 0 Escala 1. .2 +3 LUZES Fim")
-    assert tidy == (
-        "texture t-x\n    fractal\n    escala = 03.50\n\nTRANSFORM 0\n    Escala (1. .2 +3)\n\nLUZES\n\nFim\n"
-    )
-    tidy = prosim_scene.format("TEXTURE t-x brick tijolo 1 TEXTURE t-tijolo brick = 1 1 1 argamassa 1 END")
-    assert tidy.startswith(
-        "TEXTURE t-x\n    brick\n    tijolo = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n    argamassa = 1\n"
-    )
+    tidy = prosim_scene.format("texture t-x fractal escala=03.50 TRANSFORM 0 Escala 1. .2 +3 Fim")
+    assert tidy == "texture t-x\n    fractal\n    escala = 03.50\n\nTRANSFORM 0\n    Escala (1. .2 +3)\n\nFim\n"
+    tidy = prosim_scene.format("TEXTURE t-x brick tijolo 1 TEXTURE t-tijolo brick = 1 1 1 END")
+    assert tidy.startswith("TEXTURE t-x\n    brick\n    tijolo = 1\n\nTEXTURE t-tijolo\n    brick = 1 1 1\n")
     assert "    VRP 0 8 10 -\n" in prosim_scene.format("VIEW VRP 0 8 10 - OBS 0 0 9 END")
 
 
@@ -184,13 +177,12 @@ def test_matrix_is_a_step(last, parentheses):
     """Row by row, with the translation in the fourth column, and after the steps before it."""
 
     def matrix(steps, written=str):
-        text = written(f"CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 {steps} END")
-        return matrices([prosim_scene.parse(text).transforms[0]])[0]
+        tree = "CSG-TREE + CUBE 0 CUBE 1 SURFACE 0 SURFACE 1 TRANSFORM 1 MATRIX 1 0 0 0 0 1 0 0 0 0 1 0"
+        transforms = prosim_scene.parse(written(f"{tree} TRANSFORM 0 {steps} END")).transforms
+        return matrices([transforms[0], transforms[1]])[0]
 
     rows = matrix(TURNED)[:3].ravel().tolist()
-    steps = f"ROTATE-Z (20) MATRIX {parentheses.format(' '.join(map(repr, rows)) + last)}"
-    other = prosim_scene.parse("CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 0 END").transforms[0]
-    own = prosim_scene.parse(f"CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 MATRIX {' '.join(map(repr, rows)) + last} END")
-    assert matrices([other, own.transforms[0]])[1, :3].ravel() == pytest.approx(rows)
+    step = f"MATRIX {parentheses.format(' '.join(map(repr, rows)) + last)}"
+    assert matrix(step)[:3].ravel() == pytest.approx(rows)
     for written in (str, prosim_scene.format):
-        assert matrix(steps, written) == pytest.approx(matrix(f"ROTATE-Z (20) {TURNED}"), abs=1e-12)
+        assert matrix(f"ROTATE-Z (20) {step}", written) == pytest.approx(matrix(f"ROTATE-Z (20) {TURNED}"), abs=1e-12)

@@ -14,6 +14,7 @@ from pygls.exceptions import JsonRpcException
 from test_editor import SCENE
 
 URI = "file:///nowhere/scene.scn"
+DOCUMENT = lsp.TextDocumentIdentifier(URI)
 SERVER = [sys.executable, "-c", "from prosim_scene.editor.language_server import language_server; language_server()"]
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -53,10 +54,13 @@ async def told(editor, uri=URI):
 async def typed(editor, version, *texts):
     """The diagnostics after one or more changes of the text."""
     for number, text in enumerate(texts, version):
-        change = lsp.TextDocumentContentChangeWholeDocument(text)
-        document = lsp.VersionedTextDocumentIdentifier(number, URI)
-        editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [change]))
+        change(editor, number, text)
     return await told(editor)
+
+
+def change(editor, version, text, uri=URI):
+    document, whole = lsp.VersionedTextDocumentIdentifier(version, uri), lsp.TextDocumentContentChangeWholeDocument
+    editor.text_document_did_change(lsp.DidChangeTextDocumentParams(document, [whole(text)]))
 
 
 def position(text, word, shift=0):
@@ -97,8 +101,7 @@ async def test_server_answers_while_a_tree_is_evaluated(editor):
     text, begun = crowded(), time.perf_counter()
     assert not await opened(editor, text)
     await asyncio.sleep(0.2)  # the tree is being evaluated
-    document = lsp.TextDocumentIdentifier(URI)
-    hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(text, "raio", 1)))
+    hover = await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(text, "raio", 1)))
     assert "the radius" in hover.contents.value
     assert len(await typed(editor, 2, "x " + text)) == 1
     assert time.perf_counter() - begun < 20
@@ -117,7 +120,7 @@ async def test_formatting_keeps_line_ends(editor, mark):
     """At a form feed and the like Python ends a line, and an editor does not; a lone CR ends one for both."""
     text = ("\ufeff" + SCENE.replace("a remark", "a \f \u2028 \x85 remark 🎈")).replace("\n", mark)
     assert not await opened(editor, text)
-    asked = lsp.DocumentFormattingParams(lsp.TextDocumentIdentifier(URI), lsp.FormattingOptions(4, True))
+    asked = lsp.DocumentFormattingParams(DOCUMENT, lsp.FormattingOptions(4, True))
     (tidy,) = await editor.text_document_formatting_async(asked)
     assert tidy.new_text == prosim_scene.format(text[1:].replace(mark, "\n")).replace("\n", mark)
     assert tidy.range == lsp.Range(lsp.Position(0, 0), lsp.Position(text.count(mark), 0))
@@ -125,19 +128,16 @@ async def test_formatting_keeps_line_ends(editor, mark):
 
 async def test_an_editor_completes_explains_and_finds(editor):
     await opened(editor, SCENE)
-    document = lsp.TextDocumentIdentifier(URI)
-    found = await editor.text_document_completion_async(lsp.CompletionParams(document, position(SCENE, "ouro", 2)))
+    found = await editor.text_document_completion_async(lsp.CompletionParams(DOCUMENT, position(SCENE, "ouro", 2)))
     (gold,) = [one for one in found if one.label == "ouro"]
     assert gold.detail == "Au" and gold.text_edit.range.start == position(SCENE, "ouro")
-    hover = await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
+    hover = await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(SCENE, "raio", 1)))
     assert "the radius" in hover.contents.value and hover.range.start == position(SCENE, "raio")
     at = position(SCENE, "SPHERE 1", 7)
-    definitions = await editor.text_document_definition_async(lsp.DefinitionParams(document, at))
+    definitions = await editor.text_document_definition_async(lsp.DefinitionParams(DOCUMENT, at))
     assert [one.range.start.line for one in definitions] == [7, 9]
-    everywhere = await editor.text_document_references_async(
-        lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), document, at)
-    )
-    assert len(everywhere) == 4
+    everywhere = lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), DOCUMENT, at)
+    assert len(await editor.text_document_references_async(everywhere)) == 4
 
 
 async def test_of_many_keystrokes_the_last_is_published(editor):
@@ -164,12 +164,9 @@ async def test_a_document_that_is_not_open_has_no_answers(editor):
         assert await ask(params) is None
     editor.diagnostics.pop(other.uri, None)
     editor.text_document_did_save(lsp.DidSaveTextDocumentParams(other))
-    change = [lsp.TextDocumentContentChangeWholeDocument("x")]
-    changed = lsp.VersionedTextDocumentIdentifier(2, other.uri)
-    editor.text_document_did_change(lsp.DidChangeTextDocumentParams(changed, change))
+    change(editor, 2, "x", other.uri)
     editor.text_document_did_close(lsp.DidCloseTextDocumentParams(other))
-    document = lsp.TextDocumentIdentifier(URI)
-    assert await editor.text_document_hover_async(lsp.HoverParams(document, position(SCENE, "raio", 1)))
+    assert await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(SCENE, "raio", 1)))
     assert not editor.diagnostics.get(other.uri)
 
 
@@ -182,8 +179,7 @@ async def test_uris_may_have_escapes(editor):
 
 async def test_outline_lists_statements(editor):
     await opened(editor, SCENE)
-    document = lsp.TextDocumentIdentifier(URI)
-    found = await editor.text_document_document_symbol_async(lsp.DocumentSymbolParams(document))
+    found = await editor.text_document_document_symbol_async(lsp.DocumentSymbolParams(DOCUMENT))
     assert [one.name for one in found] == [
         *("DEFAULT $turn", "NAME", "LIGHTS", "CSG-TREE", "SURFACE 0", "SURFACE 1"),
         *("TRANSFORM 0", "TRANSFORM 1", "TEXTURE t-mine", "END"),
@@ -202,6 +198,15 @@ def applied(text, edit):
     return text
 
 
+SOLIDS = SCENE.replace("+ CUBE 0", "+ + other 0 CUBE 0 t-mine").replace(
+    "CSG-TREE", "SOLID legs CUBE 0\nSOLID other LEGS 0\nCSG-TREE"
+)
+
+
+def renaming(word, shift, name):
+    return lsp.RenameParams(DOCUMENT, position(SOLIDS, word, shift), name)
+
+
 @pytest.mark.parametrize(
     "word, shift, name, renamed",
     [
@@ -209,43 +214,31 @@ def applied(text, edit):
         ("$turn / 3", 2, "angle", {"$turn": "$angle"}),
         ("t-mine", 2, "t-other", {"t-mine": "t-other"}),
         ("legs", 0, "feet", {"legs": "feet", "LEGS": "feet"}),
-        (
-            "SPHERE 1",
-            7,
-            "77",
-            {"SPHERE 1 ": "SPHERE 77 ", "CYLINDER 1": "CYLINDER 77", "E 1 kd": "E 77 kd", "M 1 R": "M 77 R"},
-        ),
-        ("t-mine", 2, "mine", None),
-        ("t-mine", 2, "t-brick", None),  # in use
-        ("t-listra", 2, "t-other", None),  # a texture of the language
-        ("$turn", 1, "$a b", None),
-        ("$turn", 1, "$frame", None),
-        ("legs", 0, "CUBE", None),
-        ("legs", 0, "other", None),  # in use
-        ("SPHERE 1", 7, "0", None),
-        ("SPHERE 1", 7, "-7", None),
-        ("kd", 0, "ks", ...),  # no symbol
+        ("SPHERE 1", 7, "77", {f"{x} 1": f"{x} 77" for x in ("SPHERE", "CYLINDER", "SURFACE", "TRANSFORM")}),
     ],
 )
-async def test_symbols_are_renamed_everywhere_or_not_at_all(editor, word, shift, name, renamed):
-    text = SCENE.replace(
-        "CSG-TREE + CUBE 0", "SOLID legs CUBE 0\nSOLID other LEGS 0\nCSG-TREE + + other 0 CUBE 0 t-mine"
-    )
-    assert not await opened(editor, text)
-    document = lsp.TextDocumentIdentifier(URI)
-    params = lsp.RenameParams(document, position(text, word, shift), name)
-    if renamed is None:
-        with pytest.raises(JsonRpcException, match="in use, or is not valid"):
-            await editor.text_document_rename_async(params)
-        return
-    edit = await editor.text_document_rename_async(params)
-    if renamed is ...:
-        assert edit is None
-        return
-    expected = text
+async def test_symbols_are_renamed_everywhere(editor, word, shift, name, renamed):
+    assert not await opened(editor, SOLIDS)
+    expected = SOLIDS
     for old, new in renamed.items():
         expected = expected.replace(old, new)
-    assert applied(text, edit) == expected
+    assert applied(SOLIDS, await editor.text_document_rename_async(renaming(word, shift, name))) == expected
+
+
+async def test_wrong_names_rename_nothing(editor):
+    """A name may be in use, a word of the language, or not valid."""
+    assert not await opened(editor, SOLIDS)
+    assert await editor.text_document_rename_async(renaming("kd", 0, "ks")) is None  # no symbol
+    for word, shift, *names in [
+        ("t-mine", 2, "mine", "t-brick"),
+        ("t-listra", 2, "t-other"),
+        ("$turn", 1, "$a b", "$frame"),
+        ("legs", 0, "CUBE", "other"),
+        ("SPHERE 1", 7, "0", "-7"),
+    ]:
+        for name in names:
+            with pytest.raises(JsonRpcException, match="in use, or is not valid"):
+                await editor.text_document_rename_async(renaming(word, shift, name))
 
 
 @pytest.mark.parametrize(
@@ -263,9 +256,8 @@ async def test_symbols_are_renamed_everywhere_or_not_at_all(editor, word, shift,
 async def test_a_quick_fix_writes_what_an_error_suggests(editor, wrong, right):
     text = SCENE.replace(*wrong)
     (error,) = await opened(editor, text)
-    params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(URI), error.range, lsp.CodeActionContext([error]))
+    params = lsp.CodeActionParams(DOCUMENT, error.range, lsp.CodeActionContext([error]))
     (fix,) = await editor.text_document_code_action_async(params)
     assert applied(text, fix.edit) == (text.replace(*right) if right else SCENE)
-    elsewhere = lsp.Range(lsp.Position(0, 0), lsp.Position(0, 1))
-    params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(URI), elsewhere, lsp.CodeActionContext([]))
+    params.range = lsp.Range(lsp.Position(0, 0), lsp.Position(0, 1))
     assert not await editor.text_document_code_action_async(params)

@@ -52,12 +52,13 @@ def media_along(meshes, origin, direction):
 def media_of_the_tree(text, origin, direction):
     """The same by the tree's definition: the first of the media in the tree that is there."""
     read = document_of(text, "test.scn").scene
-    leaves = [node for node in read.csg if isinstance(node, Leaf)]
-    leaves_ends = exact_csg.intervals(read, origin[None], direction[None])
-    ends = [[(near[0], far[0]) for near, far in pairs] for pairs in leaves_ends]
+    media = {medium_of(read, node): 0 for node in read.csg if isinstance(node, Leaf)}
+    media = sorted(media, key=lambda medium: medium != METAL)  # which is first
+    ends = [
+        [(near[0], far[0]) for near, far in pairs] for pairs in exact_csg.intervals(read, origin[None], direction[None])
+    ]
     times = np.unique([t for pairs in ends for near, far in pairs if near < far for t in (near, far)])
     result, now = [], None
-    media = sorted({medium_of(read, leaf): 0 for leaf in leaves}, key=lambda medium: medium != METAL)  # which is first
     for begin, end in zip(times, [*times[1:], np.inf]):
         if end - begin < 1e-6:
             continue
@@ -80,13 +81,12 @@ def exists(read, inside, medium):
     for node in reversed(read.csg):
         if isinstance(node, Leaf):
             number -= 1
-            own = medium_of(read, node)
-            stack.append({own} if inside[number] else set())
+            stack.append({medium_of(read, node)} if inside[number] else set())
+        elif node.symbol == "+":
+            stack.append(stack.pop() | stack.pop())
         else:
             first, second = stack.pop(), stack.pop()
-            stack.append(
-                first | second if node.symbol == "+" else first if bool(second) == (node.symbol == "*") else set()
-            )
+            stack.append(first if bool(second) == (node.symbol == "*") else set())
     return medium in stack.pop()
 
 

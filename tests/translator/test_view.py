@@ -1,12 +1,11 @@
 """The rays of translated cameras against the formula of the language, and degenerate views."""
 
-import contextlib
-
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
 VIEWS = {
     "palito": "RESOLUTION 500 500 WINDOW -18. -22. 16. 12. OBS 0 8 30 VPN 0 0 0 VRP 0 8 10 - VUP 0 1 0",
@@ -15,8 +14,6 @@ VIEWS = {
     "tall pixels": "RESOLUTION 400 100 WINDOW -2 -1.5 2 1 OBS 0 1 9 VPN .3 0 1 VRP 0 0 0 VUP 0 1 0",
     "wide": "RESOLUTION 300 150 WINDOW -40 -20 40 20 OBS 0 0 5 VRP 0 0 0 VUP 0 1 0",
 }
-
-
 VIEWED = "VIEW {} LIGHTS POINT position 0 0 0 CSG-TREE END"
 
 
@@ -29,36 +26,34 @@ def formula(view, i, j):
     u = np.cross(up, n)
     u /= np.linalg.norm(u)
     v = np.cross(n, u)
-    (w, h), (umin, vmin, umax, vmax) = view.resolution, view.window
-    through = (
-        p
-        + np.multiply.outer(umin + (i + 0.5) * (umax - umin) / w, u)
-        + np.multiply.outer(vmax - (j + 0.5) * (vmax - vmin) / h, v)
-    )
-    pixel = min((umax - umin) / w, (vmax - vmin) / h)
-    return through, e, pixel, n, p
+    umin, vmin, umax, vmax = view.window
+    width, height = (umax - umin) / view.resolution[0], (vmax - vmin) / view.resolution[1]
+    through = p + np.multiply.outer(umin + (i + 0.5) * width, u) + np.multiply.outer(vmax - (j + 0.5) * height, v)
+    return through, e, min(width, height), n, p
 
 
 def translated(path, **options):
     """The sensor of a scene with nothing but a view, and the view."""
-    with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
-        sensor = prosim_scene.load(path, light_units="radiance", **options)["view"]
+    sensor = prosim_scene.load(path, light_units="radiance", **options)["view"]
     del sensor["sampler"]
     return mi.load_dict(sensor), prosim_scene.parse(path.read_text()).view
+
+
+def rays(sensor, view, pixels, on_lens):
+    """Origins and directions of rays through pixels, sampled in both ways, and what the formula gives."""
+    position = mi.Point2f((pixels + 0.5) / np.reshape(view.resolution, (2, 1)))
+    for sample in (sensor.sample_ray, sensor.sample_ray_differential):
+        ray, _ = sample(0, 0.5, position, on_lens)
+        yield np.array(ray.o, dtype=float).T, np.array(ray.d, dtype=float).T, formula(view, *pixels)
 
 
 @pytest.mark.parametrize("name", VIEWS)
 def test_rays_are_exact(name, write_scene, variant_rgb):
     sensor, view = translated(write_scene(VIEWED.format(VIEWS[name])))
     w, h = view.resolution
-    rng = np.random.default_rng(3)
-    i = np.concatenate([rng.integers(0, w, 200), [0, w - 1, 0, w - 1]])
-    j = np.concatenate([rng.integers(0, h, 200), [0, 0, h - 1, h - 1]])
-    position = mi.Point2f(mi.Float((i + 0.5) / w), mi.Float((j + 0.5) / h))
-    for sample in (sensor.sample_ray, sensor.sample_ray_differential):
-        ray, _ = sample(0, 0.5, position, mi.Point2f(0.5))
-        o, d = np.array(ray.o, dtype=float).T, np.array(ray.d, dtype=float).T
-        through, eye, pixel, n, vrp = formula(view, i, j)
+    corners = [[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]
+    pixels = np.concatenate([corners, np.random.default_rng(3).integers(0, (w, h), (200, 2))]).T
+    for o, d, (through, eye, pixel, n, vrp) in rays(sensor, view, pixels, mi.Point2f(0.5)):
         # Where the ray meets the view plane, against the point that it should go through, in pixels.
         t = ((vrp - o) @ n) / (d @ n)
         assert (np.linalg.norm(o + t[:, None] * d - through, axis=1) / pixel).max() < 1e-3
@@ -78,12 +73,8 @@ def test_rays_from_the_lens_meet_in_the_plane_of_focus(name, write_scene, varian
     """Where the pinhole's ray meets this plane; the lens is a disc around the eye, parallel to the view plane."""
     sensor, view = translated(write_scene(VIEWED.format(LENSES[name])))
     assert sensor.needs_aperture_sample()
-    (i, j), on_lens = np.random.default_rng(4).integers(0, 100, (2, 500)), np.random.default_rng(5).random((2, 500))
-    position = mi.Point2f((i + 0.5) / view.resolution[0], (j + 0.5) / view.resolution[1])
-    for sample in (sensor.sample_ray, sensor.sample_ray_differential):
-        ray, _ = sample(0, 0.5, position, mi.Point2f(on_lens))
-        o, d = np.array(ray.o, dtype=float).T, np.array(ray.d, dtype=float).T
-        through, eye, pixel, n, vrp = formula(view, i, j)
+    pixels, on_lens = np.random.default_rng(4).integers(0, 100, (2, 500)), np.random.default_rng(5).random((2, 500))
+    for o, d, (through, eye, pixel, n, vrp) in rays(sensor, view, pixels, mi.Point2f(on_lens)):
         depth = (eye - vrp) @ n
         focus = view.focus or depth
         sharp = eye + (through - eye) * (focus / depth)
@@ -107,12 +98,9 @@ def test_stock_lens_has_the_rays_of_the_window(write_scene, variant_rgb):
 
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_file_of_a_scene_has_the_lens(target, write_scene, variant_rgb, tmp_path):
-    tree = (
-        "CSG-TREE + + CONE 0 radius .5 TORUS 0 radius .2 PLANE 0 SURFACE 0 TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 1"
-    )
-    path = write_scene(f"VIEW {LENSES['centred']} LIGHTS POINT position 0 0 9 {tree} END")
-    with pytest.warns(prosim_scene.SceneWarning) if target == "stock" else contextlib.nullcontext():
-        scene = mi.load_file(str(prosim_scene.translate(path, tmp_path / target, target=target)))
+    tree = "+ + CONE 0 radius .5 TORUS 0 radius .2 PLANE 0 SURFACE 0 TRANSFORM 0 MATRIX 1 0 0 0 0 1 0 0 0 0 1 1"
+    path = write_scene(f"VIEW {LENSES['centred']} LIGHTS POINT position 0 0 9 CSG-TREE {tree} END")
+    scene = mi.load_file(str(prosim_scene.translate(path, tmp_path / target, target=target)))
     params = mi.traverse(scene.sensors()[0]) if target == "stock" else vars(scene.sensors()[0])
     assert params["aperture_radius"] == 0.5 and params["focus_distance"] == 5
 
@@ -120,14 +108,13 @@ def test_file_of_a_scene_has_the_lens(target, write_scene, variant_rgb, tmp_path
 def test_stock_says_that_an_off_centre_window_has_no_lens(write_scene, variant_rgb):
     view = VIEWS["turned"] + " APERTURE .5"
     with pytest.warns(prosim_scene.SceneWarning, match="APERTURE has no effect if the window is not centred"):
-        sensor = prosim_scene.load(write_scene(VIEWED.format(view)), light_units="radiance", target="stock")["view"]
-    assert sensor["type"] == "perspective" and "aperture_radius" not in sensor
+        sensor, _ = translated(write_scene(VIEWED.format(view)), target="stock")
+    assert sensor.class_name() == "PerspectiveCamera"
 
 
 @pytest.mark.parametrize("eye, vpn", [("0 0 20", "0 0 0"), ("3.7 4.1 9.3", "0 0 0"), ("1 2 3", "1 2 3")])
 def test_another_sensor_of_mitsuba_reads_a_centred_view(eye, vpn, write_scene, variant_rgb):
-    with pytest.warns(prosim_scene.SceneWarning, match="no|empty"):
-        sensor = prosim_scene.load(write_scene(VIEWED.format(f"EYE {eye} VPN {vpn}")), light_units="radiance")["view"]
+    sensor = prosim_scene.load(write_scene(VIEWED.format(f"EYE {eye} VPN {vpn}")), light_units="radiance")["view"]
     del sensor["sampler"]
     lens = mi.load_dict(sensor | {"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 20})
     assert lens.class_name() == "ThinLensCamera"
@@ -171,44 +158,32 @@ def test_warning_names_a_distorted_window(given, word, shape, others, write_scen
 
 def test_window_sensor_and_crop(variant):
     film = {"type": "hdrfilm", "width": 30, "height": 20, "filter": {"type": "box"}}
+    crop = {"crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10}
     window = {"type": "prosim_window", "left": -0.3, "right": 1.2, "bottom": -2, "top": 0.5}
-    full = mi.load_dict({**window, "film": film})
-    cropped = {**film, "crop_offset_x": 6, "crop_offset_y": 5, "crop_width": 15, "crop_height": 10}
-    crop = mi.load_dict({**window, "film": cropped})
-    a, _ = full.sample_ray(0, 0.5, mi.Point2f((6 + 0.25 * 15) / 30, (5 + 0.5 * 10) / 20), mi.Point2f(0))
-    b, _ = crop.sample_ray(0, 0.5, mi.Point2f(0.25, 0.5), mi.Point2f(0))
-    assert dr.allclose(a.d, b.d, atol=1e-6)
-    s, t = (6 + 0.25 * 15) / 30, 0.5
-    expected = np.array([-(-0.3 + 1.5 * s), 0.5 - 2.5 * t, 1])
-    assert np.allclose(np.array(a.d).ravel(), expected / np.linalg.norm(expected), atol=1e-6)
+    expected = np.array([0.3 - 1.5 * (6 + 0.25 * 15) / 30, 0.5 - 2.5 * 0.5, 1])
+    for more, at in ({}, [(6 + 0.25 * 15) / 30, (5 + 0.5 * 10) / 20]), (crop, [0.25, 0.5]):
+        ray, _ = mi.load_dict({**window, "film": film | more}).sample_ray(0, 0.5, mi.Point2f(at), mi.Point2f(0))
+        assert np.allclose(np.array(ray.d).ravel(), expected / np.linalg.norm(expected), atol=1e-6)
 
 
 BALL = "SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
+CUBE = "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
+ROOM = "SURFACE 1 TRANSFORM 1 SCALE (4 4 4) TRANSLATE (-2 -2 -2)"
 CLIPPED = {
-    "far view plane": ("WINDOW -15010 -15010 15010 15010 OBS 0 0 20 VRP 0 0 -30000", f"{BALL} SCALE (5 5 5)"),
-    "near view plane": ("WINDOW -5e-5 -5e-5 5e-5 5e-5 OBS 0 0 20 VRP 0 0 19.9999", f"{BALL} SCALE (5 5 5)"),
-    "a wall far behind": (
-        "WINDOW -1 -1 1 1 OBS 0 0 1 VRP 0 0 0",
-        "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SCALE (1e7 1e7 1) TRANSLATE (-5e6 -5e6 -1e6)",
-    ),
-    "the eye above a floor": (
-        "WINDOW -900 -900 900 900 OBS 0 .01 0 VRP 0 0 -500",
-        "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SCALE (200 1 200) TRANSLATE (-100 -1 -100)",
-    ),
-    "the eye in a room": (
-        "WINDOW -900 -900 900 900 OBS 0 0 .999 VRP 0 0 -500",
-        "- CUBE 1 SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0 SURFACE 1 TRANSFORM 1 SCALE (4 4 4) TRANSLATE (-2 -2 -2)",
-    ),
+    "far view plane": ("-15010 -15010 15010 15010 OBS 0 0 20 VRP 0 0 -30000", f"{BALL} SCALE (5 5 5)"),
+    "near view plane": ("-5e-5 -5e-5 5e-5 5e-5 OBS 0 0 20 VRP 0 0 19.9999", f"{BALL} SCALE (5 5 5)"),
+    "a wall far behind": ("-1 -1 1 1 OBS 0 0 1", f"{CUBE} SCALE (1e7 1e7 1) TRANSLATE (-5e6 -5e6 -1e6)"),
+    "a floor": ("-900 -900 900 900 OBS 0 .01 0 VRP 0 0 -500", f"{CUBE} SCALE (200 1 200) TRANSLATE (-100 -1 -100)"),
+    "the eye in a room": ("-900 -900 900 900 OBS 0 0 .999 VRP 0 0 -500", f"- CUBE 1 {BALL} {ROOM}"),
 }
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 @pytest.mark.parametrize("name", CLIPPED)
 def test_nothing_is_clipped(name, target, write_scene, variant_rgb):
     """The camera's rays meet all that rays without an end meet, which begin at the eye itself."""
     view, tree = CLIPPED[name]
-    path = write_scene(f"VIEW RESOLUTION 40 40 {view} LIGHTS POINT position 0 0 90 CSG-TREE {tree} END")
+    path = write_scene(f"VIEW RESOLUTION 40 40 WINDOW {view} LIGHTS POINT position 0 0 90 CSG-TREE {tree} END")
     scene = mi.load_dict(prosim_scene.load(path, target=target, tolerance=1))
     j, i = np.mgrid[:40, :40]
     position = mi.Point2f(((i + 0.5) / 40).ravel(), ((j + 0.5) / 40).ravel())

@@ -71,31 +71,43 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
     assert len((scene.parent / second[0]).read_bytes()) > 6
 
 
-@pytest.mark.parametrize(
-    "obstacle, message",
-    [
-        ("s-meshes", "the folder of the meshes would replace this"),
-        ("s.xml", "is not a translation and is not overwritten"),
-        ("link", "the folder of the meshes would replace this"),
-        ("link to nowhere", "the folder of the meshes would replace this"),
-        ("folder", "the translation would replace this folder"),
-        ("the scene", "is not a translation and is not overwritten"),
-    ],
-)
-def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle, message):
-    if obstacle.startswith("link"):
-        (scene.parent / "s-meshes").symlink_to(scene.parent / obstacle.removeprefix("link to "))
-        (scene.parent / "link").mkdir()
-    elif obstacle == "folder":
-        (scene.parent / "s.xml" / "mine").mkdir(parents=True)
-    elif obstacle == "the scene":
-        scene = scene.rename(scene.with_suffix(".xml"))
-    else:
-        (scene.parent / obstacle).write_bytes(b"mine")
+NOT_REPLACED = "the folder of the meshes would replace this"
+#: What is in the way of the translation of s.scn: its name, how the users made it, and the message.
+OBSTACLES = {
+    "file": ("s-meshes", Path.touch, NOT_REPLACED),
+    "link": ("s-meshes", lambda path: path.symlink_to("."), NOT_REPLACED),
+    "link to nowhere": ("s-meshes", lambda path: path.symlink_to("nowhere"), NOT_REPLACED),
+    "text": ("s.xml", Path.touch, "is not a translation and is not overwritten"),
+    "folder": ("s.xml", Path.mkdir, "the translation would replace this folder"),
+    "the scene": ("s.xml", lambda path: path.with_suffix(".scn").rename(path), "is not a translation"),
+}
+
+
+@pytest.mark.parametrize("obstacle", OBSTACLES)
+def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle):
+    name, make, message = OBSTACLES[obstacle]
+    make(scene.with_name(name))
     before = everything(scene.parent)
     with pytest.raises(SceneError, match=message):
-        prosim_scene.translate(scene, tolerance=1)
+        prosim_scene.translate(scene if scene.exists() else scene.with_suffix(".xml"), tolerance=1)
     assert everything(scene.parent) == before
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Lets a function of ``os`` fail with an error where a condition holds for its arguments."""
+
+    def fail(name, number, condition):
+        real = getattr(os, name)
+
+        def function(*arguments, **keywords):
+            if condition(*arguments):
+                raise OSError(number, os.strerror(number), str(arguments[0]))
+            return real(*arguments, **keywords)
+
+        monkeypatch.setattr(os, name, function)
+
+    return fail
 
 
 KILLED = """
@@ -126,32 +138,18 @@ def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
     assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *named(xml)])
 
 
-def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, monkeypatch):
+def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, failing):
     before = everything(scene.parent)
-    real = os.replace
-
-    def full(source, target):
-        if str(target).endswith(".xml"):
-            raise OSError(28, "No space left on device", str(target))
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", full)
+    failing("replace", errno.ENOSPC, lambda _, target: str(target).endswith(".xml"))
     with pytest.raises(SceneError, match="No space left on device"):
         prosim_scene.translate(scene, tolerance=1)
     assert everything(scene.parent) == before and not (scene.parent / "s-meshes").exists()
 
 
-def test_the_folder_of_meshes_may_be_on_another_disk(scene, monkeypatch):
+def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):
     """No file is renamed from there to another folder or back."""
     (meshes := scene.parent / "s-meshes").mkdir()
-    real = os.replace
-
-    def replace(source, target):
-        if Path(source).parent != Path(target).parent:
-            raise OSError(errno.EXDEV, os.strerror(errno.EXDEV), str(source))
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", replace)
+    failing("replace", errno.EXDEV, lambda source, target: Path(source).parent != Path(target).parent)
     xml = prosim_scene.translate(scene, tolerance=1)
     assert {Path(name).name for name in named(xml)} == set(os.listdir(meshes))
     assert sorted(os.listdir(scene.parent)) == ["s-meshes", "s.scn", "s.xml"]
@@ -175,15 +173,8 @@ def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch
     assert prosim_scene.translate(scene, tolerance=1) == xml
 
 
-def test_a_folder_that_may_not_be_read_is_not_locked(scene, monkeypatch):
-    real = os.open
-
-    def refuse(path, *arguments, **keywords):
-        if path == scene.parent:
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-        return real(path, *arguments, **keywords)
-
-    monkeypatch.setattr(os, "open", refuse)
+def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):
+    failing("open", errno.EACCES, lambda path, *_: path == scene.parent)
     named(prosim_scene.translate(scene, tolerance=1))
 
 
@@ -258,10 +249,10 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("options", [{"resolution": (20, 10), "samples": 7}, {"target": "stock"}])
-def test_another_view_needs_no_translation(tmp_path, options):
+def test_another_view_needs_no_translation(write_scene, options):
     """Also where the eye is so near to a face that it would be cut off."""
-    path, cache = tmp_path / "s.scn", prosim_scene.TranslationCache()
-    path.write_text(cube := CACHED.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "CUBE 0"))
+    cube, cache = CACHED.replace("- + CUBE 0 t-tijolo SPHERE 1 CYLINDER 2", "CUBE 0"), prosim_scene.TranslationCache()
+    path = write_scene(cube)
     prosim_scene.translate(path, cache=cache, **options)
     path.write_text(cube.replace("WINDOW -4 -4 4 4", "WINDOW -4 -3 4 4").replace("15 *", "1.0001 *"))
     document = prosim_scene.document(path, {"turn": 90})
@@ -269,9 +260,8 @@ def test_another_view_needs_no_translation(tmp_path, options):
     np.testing.assert_equal(view, prosim_scene.load(document, **options)["view"])
     assert view["near_clip"] < 1e-6 and cache.evaluations == 1
     path.write_text(cube.replace("-4 -4 4 4", "-4 4 4 4"))
-    document = prosim_scene.document(path)
     with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
-        prosim_scene.load(document, cache=cache, **options)
+        prosim_scene.load(path, cache=cache, **options)
 
 
 def test_cached_translation_repeats_the_warning_of_vanished_primitives(tmp_path, write_scene):

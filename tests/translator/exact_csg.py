@@ -223,7 +223,7 @@ def general(rng):
     return text(rng, shapes, transforms, tree(rng, len(shapes)))
 
 
-def scattered(rng, weights, sizes, places, after=""):
+def scattered(rng, weights, sizes, places, after="", operators="++--*"):
     """Primitives of the SHAPES, each as probable as its weight, whose numbers are some of ``sizes`` and ``places``."""
     shapes = [SHAPES[rng.choice(4, p=weights)] for _ in range(rng.integers(2, 6))]
     transforms = [
@@ -231,7 +231,7 @@ def scattered(rng, weights, sizes, places, after=""):
         f"TRANSLATE ({numbers(rng.choice(places, 3))}) {after}"
         for _ in shapes
     ]
-    return text(rng, shapes, transforms, tree(rng, len(shapes)))
+    return text(rng, shapes, transforms, tree(rng, len(shapes), operators))
 
 
 def quarters(rng, count):
@@ -258,14 +258,7 @@ def chains(rng):
 
 def unions(rng):
     """Unions of solids that overlap and are all curved or nearly so, with some coincident discs."""
-    count, after = rng.integers(4, 7), turn(rng)
-    shapes = [SHAPES[rng.choice(4, p=[0.05, 0.2, 0.35, 0.4])] for _ in range(count)]
-    transforms = [
-        f"SCALE ({numbers([2, 2, rng.choice([-2, 2, 3])])}) ROTATE-Y ({90 * rng.integers(2)}) "
-        f"TRANSLATE ({numbers(rng.integers(-2, 2, 3))}) {after}"
-        for _ in shapes
-    ]
-    return text(rng, shapes, transforms, ["+"] * (count - 1) + list(range(count)))
+    return scattered(rng, [0.05, 0.2, 0.35, 0.4], [2, 2, 3], np.arange(-2, 2), turn(rng), "+")
 
 
 def same_quadric(rng):

@@ -59,20 +59,16 @@ def test_roughness_has_one_meaning_for_all_materials(variant_rgb, write_scene, r
 
 
 @pytest.mark.parametrize(
-    "roughness, exponent",
-    [("n = 1e6", 1e6), ("m = 1e-4", 1e6), ("m = 5", 0), ("rug = 0", 0), ("rug = 6", 1.5), ("m = 0", None), ("", None)],
+    "material, roughness, exponent",
+    [
+        *[("phong", "n = 1e6", 1e6), ("phong", "m = 1e-4", 1e6), ("phong", "m = 5", 0), ("phong", "rug = 0", 0)],
+        *[("phong", "rug = 6", 1.5), ("phong", "m = 0", None), ("phong", "", None)],
+        *[(m, f"n = {n}", min(4 * n, 1e6)) for m in ("conductor", "composite", "dielectric") for n in (0, 2.5e5, 1e6)],
+    ],
 )
-def test_phong_exponent_is_in_the_range_of_the_plugin(variant_rgb, write_scene, roughness, exponent):
-    bsdf = translated(write_scene, f"kd = .1 ks = .5 {roughness}")
-    assert bsdf.get("exponent") == exponent
-    mi.load_dict(bsdf)
-
-
-@pytest.mark.parametrize("n, exponent", [("0", 0), ("2.5e5", 1e6), ("1e6", 1e6)])
-@pytest.mark.parametrize("material", ["conductor", "composite", "dielectric"])
-def test_facet_exponent_is_in_the_range_of_the_plugin(variant_rgb, write_scene, material, n, exponent):
-    bsdf = translated(write_scene, f"{MATERIALS[material]} n = {n}")
-    assert (bsdf["distribution"], bsdf["exponent"]) == ("phong", exponent)
+def test_exponent_is_in_the_range_of_the_plugin(variant_rgb, write_scene, material, roughness, exponent):
+    bsdf = translated(write_scene, f"{MATERIALS[material]} {roughness}")
+    assert bsdf.get("exponent") == exponent and bsdf.get("distribution") == (None if material == "phong" else "phong")
     mi.load_dict(bsdf)
 
 

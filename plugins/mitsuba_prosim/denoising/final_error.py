@@ -51,7 +51,7 @@ class FinalError:
         If the denoiser is not called, the error is extrapolated from the denoiser's last call, or is the error of the
         raw image.
         """
-        raw, samples = second.noise(), mean(image.all_counts())
+        raw, samples = second.noise(image), mean(image.all_counts())
         excess, cost = target.excess(raw), self.CALL_COST / image.estimator.transport.rays_per_sample
         if not excess > 1:  # the excess is NaN without limits
             return Measurement(raw)

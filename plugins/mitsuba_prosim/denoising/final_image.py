@@ -116,7 +116,7 @@ class FinalImage:
             return None
         if self._why_raw:
             return self._why_raw
-        if render.second is not None and render.target.excess(render.second.noise()) <= 1:
+        if render.second is not None and render.target.excess(render.second.noise(render.state)) <= 1:
             reached = " and ".join(f"{limit:g}" for limit in render.target.limits if limit)
             return f"the image reached {reached} without denoising, which would have taken longer"
         return None
@@ -132,5 +132,5 @@ class FinalImage:
         # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
         # image. ``noise`` [0] is the measured RMS error.
         second = self.render.second
-        noise = self.render.noise_bound() if second is None else second.noise()[0]
+        noise = self.render.noise_bound() if second is None else second.noise(self.render.state)[0]
         return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), noise)

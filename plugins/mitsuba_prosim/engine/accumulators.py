@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -33,8 +34,9 @@ class Accumulators:
     """
 
     #: Sums of the film's values, weighted by the filter, for every pixel within the filter's reach, row by row, channel
-    #: by channel.
-    sums: list[mi.Float64]
+    #: by channel: a list of arrays. In an image, one array with the sums of a pixel side by side, because a processor
+    #: reads and writes adjacent numbers together.
+    sums: Any
     #: Sum of the luminance; sum of its square; sum of the squared mean luminance of each complete pass.
     total: mi.Float64
     squares: mi.Float64
@@ -46,11 +48,39 @@ class Accumulators:
 
     @classmethod
     def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
-        """Returns accumulators without samples, with ``sums_per_pixel`` entries in the list ``sums``."""
-        total, squares, pass_squares, in_pass, *sums = (dr.zeros(double(), pixels) for _ in range(sums_per_pixel + 4))
+        """Returns accumulators without samples, with ``sums_per_pixel`` sums for each pixel of an image."""
+        sums = dr.zeros(double(), pixels * sums_per_pixel)
+        total, squares, pass_squares, in_pass = (dr.zeros(double(), pixels) for _ in range(4))
         result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
         dr.make_opaque(result)
         return result
+
+    @property
+    def others(self) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64, mi.UInt32]:
+        """All attributes but ``sums``."""
+        return self.total, self.squares, self.pass_squares, self.in_pass, self.count
+
+    def film_sums(self, index: mi.UInt32, active: mi.Bool, first: int, number: int) -> list[mi.Float64]:
+        """Returns ``number`` of the sums of the pixels ``index``, from the sum with the number ``first``, of an image.
+
+        ``first`` must be a multiple of ``number``; the sums are 0 for pixels that are not ``active``.
+        """
+        rows = len(self.sums) // len(self.count) // number
+        packets = dr.replace_type_t(mi.ArrayXf, dr.type_v(double()))
+        return list(dr.gather(packets, self.sums, index * rows + first // number, active, shape=(number, len(index))))
+
+    def of(self, index: mi.UInt32, active: mi.Bool) -> Accumulators:
+        """Returns the accumulators of the pixels ``index`` of an image, 0 for pixels that are not ``active``."""
+        number = len(self.sums) // len(self.count)
+        others = dr.gather(tuple, self.others, index, active)
+        return Accumulators(self.film_sums(index, active, 0, number), *others)
+
+    def store(self, values: Accumulators, index: mi.UInt32, active: mi.Bool) -> None:
+        """Replaces those of the pixels ``index`` of an image that are ``active``."""
+        packets = dr.replace_type_t(mi.ArrayXf, dr.type_v(double()))
+        for mine, new in ((self.sums, packets(values.sums)), *zip(self.others, values.others)):
+            dr.scatter(mine, new, index, active, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(self)
 
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns each pixel's sum, sum of squares and number of samples, in 64 bits: a variance is a difference."""

@@ -191,7 +191,7 @@ class Checkpoint:
 
     def check_arrays(self, state: Image) -> None:
         """Raises ValueError unless the arrays are those of ``state``, and each pixel is stored once."""
-        needed, uint32 = types(arrays(Accumulators.empty(len(state.accumulators.sums), 1))), np.dtype(np.uint32)
+        needed, uint32 = types(arrays(Accumulators.empty(state.estimator.sums_per_pixel, 1))), np.dtype(np.uint32)
         found = {"wanted": uint32, **types(self.pixels)}
         if found != {**needed, "index": uint32, "wanted": uint32} or types(self.second) not in (needed, {}):
             raise ValueError("these are the samples of another image (the arrays differ)")
@@ -234,8 +234,8 @@ def index(state: Image) -> np.ndarray:
 def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
     """Returns the accumulators ``sums`` as NumPy arrays by name: name -> array."""
     named = {f.name: getattr(sums, f.name) for f in fields(sums) if f.name != "sums"}
-    named |= {f"sum{k}": values for k, values in enumerate(sums.sums)}
-    return {name: np.array(values) for name, values in named.items()}
+    columns = np.array(sums.sums).reshape(len(sums.count), -1).T
+    return {name: np.array(values) for name, values in named.items()} | {f"sum{k}": v for k, v in enumerate(columns)}
 
 
 def types(named: Mapping[str, np.ndarray]) -> dict[str, np.dtype]:
@@ -245,8 +245,8 @@ def types(named: Mapping[str, np.ndarray]) -> dict[str, np.dtype]:
 
 def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
     """Returns :class:`.Accumulators` from the arrays ``named`` (name -> array): the inverse of :func:`arrays`."""
-    sums = [dr_array(named[f"sum{k}"]) for k in range(sum(name.startswith("sum") for name in named))]
-    return Accumulators(sums, *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
+    sums = [named[f"sum{k}"] for k in range(sum(name.startswith("sum") for name in named))]
+    return Accumulators(dr_array(np.stack(sums, axis=1)), *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
 
 
 # ---------------------------------------------------------------- files

@@ -41,8 +41,8 @@ def film_values(image: PixelSet) -> mi.TensorXf:
     for place, (index, active) in zip(reversed(range(len(sources))), sources):
         count = dr.gather(mi.UInt32, sums.count, index, active)
         weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
-        for c, values in enumerate(sums.sums[place * len(totals) :][: len(totals)]):
-            totals[c] = totals[c] + weight * dr.gather(Double, values, index, active)
+        values = sums.film_sums(index, active, place * len(channels.names), len(channels.names))
+        totals = [total + weight * value for total, value in zip(totals, values)]
     weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
     for name in channels.own_aovs:
         statistic = sums.count if name == "samples" else dr_array(sums.error(plan.n))

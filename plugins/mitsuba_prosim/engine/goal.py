@@ -142,7 +142,7 @@ class ErrorGoal:
         """Returns the next pass after the first passes."""
         count = np.array(image.accumulators.count)
         if image.wanted is None:
-            if image.second is not None and image.second.lags:
+            if image.second is not None and image.second.lags(image):
                 return second_pass(image, image.second)
             if self.target.time_is_up or self.target.excess(image.noise) <= 1:
                 return None
@@ -171,7 +171,7 @@ class ErrorGoal:
         """Measures the error; returns False if it is unknown, because the second image has fewer samples."""
         self._pass, second = None, image.second
         if second is not None:
-            if second.lags:
+            if second.lags(image):
                 return image.rounds == 0
             measured = self._measure(image, second, self.target)
             image.record(measured.noise, measured.estimates)
@@ -213,7 +213,7 @@ class HalvesGoal:
         yield second_pass(image, second, 1)  # the time limit cannot end this pass: each pixel gets a sample
         yield second_pass(image, second)
         if any(self.target.limits):
-            image.record(second.noise())
+            image.record(second.noise(image))
 
     def measure(self, image: Image) -> bool:
         """Measures the error by the inner goal."""
@@ -236,7 +236,7 @@ def both(image: Image, wanted: np.ndarray, expected: float) -> Pass:
 
 def raw_error(image: Image, second: SecondImage, target: ErrorTarget) -> Measurement:
     """Measures the error of the image without denoising."""
-    return Measurement(second.noise())
+    return Measurement(second.noise(image))
 
 
 def goal_of(image: Image, target: ErrorTarget, measure: Measure | None) -> Goal:

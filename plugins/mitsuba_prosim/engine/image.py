@@ -227,7 +227,7 @@ class SecondImage(PixelSet):
         several times with different seeds, but at most :attr:`MAX_COPIES` times. If ``image.second_sums`` are
         accumulators for this number of pixels, the second image continues from these accumulators.
         """
-        self.first, self.estimator, self.complete = image, image.estimator, complete
+        self.estimator, self.complete = image.estimator, complete
         #: The rectangle of the pixels of a complete second image, row by row.
         self.outer = image.plan.region
         index, seed = image.crop(np.arange(area(image.outer)), image.plan.region).ravel(), image.plan.seed + 1
@@ -247,17 +247,16 @@ class SecondImage(PixelSet):
             sums = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
         self.accumulators = sums
 
-    @property
-    def lags(self) -> bool:
-        """Whether any pixel has fewer samples than in the first image."""
-        return bool(np.any(np.array(self.accumulators.count) < np.array(self.first.accumulators.count)[self.index]))
+    def lags(self, image: Image) -> bool:
+        """Tells whether any pixel has fewer samples than in the first ``image``."""
+        return bool(np.any(np.array(self.accumulators.count) < np.array(image.accumulators.count)[self.index]))
 
     @alone()
     @denormals_rounded()
-    def noise(self) -> Noise:
+    def noise(self, image: Image) -> Noise:
         """Returns the measured error of the displayed image, see :data:`Noise`.
 
-        The displayed image is the first image, or the mean of both images if the second image is complete. For each
+        The displayed image is the first ``image``, or the mean of both images if the second image is complete. For each
         pixel of the second image, the method replaces the samples of this pixel in the first image by those of the
         second image, and sums the squared changes of the displayed values of all pixels within the filter's reach and
         the crop window. The tone curve is applied to the values before their difference is computed. If the difference
@@ -266,15 +265,16 @@ class SecondImage(PixelSet):
         """
         # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
         plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
-        film, of_pixel, stored = self.first.film_values, len(channels.names), channels.names.index("W") + 1
-        first, second, squares = self.first.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
+        film, of_pixel, stored = image.film_values, len(channels.names), channels.names.index("W") + 1
+        first, second, squares = image.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
         Double = double()
         counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
         around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
         for place, (index, seen) in enumerate(around):
-            sums = [side.sums[place * of_pixel :][:stored] for side in (first, second)]
+            sides = (first, own), (second, dr.arange(mi.UInt32, len(own)))
+            sums = [side.film_sums(at, True, place * of_pixel, of_pixel)[:stored] for side, at in sides]
             before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
-            means = ((dr.gather(Double, a, own) / counts[0], b / counts[1]) for a, b in zip(*sums))
+            means = ((a / counts[0], b / counts[1]) for a, b in zip(*sums))
             after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
             change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
             squares += dr.select(seen, dr.square(change), 0)
@@ -287,7 +287,7 @@ class SecondImage(PixelSet):
         rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
         # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
         # the samples within a pixel shows such pixels.
-        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(self.first.crop(within, plan.window))) ** 0.5
+        deviation = 0.5 * (concentration(errors**2) + 2 * concentration(image.crop(within, plan.window))) ** 0.5
         # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
         return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
 

@@ -204,7 +204,7 @@ def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
         own = index < dr.opaque(mi.UInt32, len(numbers))  # False for smaller numbers, too: differences are modulo 2^32
         seed_index = dr.minimum(index, dr.opaque(mi.UInt32, dr.width(pixels.plan.seed) - 1))
         seed = dr.gather(mi.UInt32, pixels.plan.seed, seed_index, own)
-        values = (*dr.gather(tuple, (pixels.x, pixels.y, pixels.accumulators), index, own), seed)
+        values = (*dr.gather(tuple, (pixels.x, pixels.y), index, own), pixels.accumulators.of(index, own), seed)
         lanes = values if lanes is None else dr.select(own, values, lanes)
         sets.append((pixels, index, own))
         begin += len(numbers)
@@ -216,8 +216,7 @@ def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
     def store(sums: Accumulators) -> None:
         """Writes the new sums of the work item's pixels to the accumulators of their sets."""
         for pixels, index, own in sets:
-            dr.scatter(pixels.accumulators, sums, index, own, mode=dr.ReduceMode.NoConflicts)
-            dr.eval(pixels.accumulators)
+            pixels.accumulators.store(sums, index, own)
 
     pixels = wanted[0][0]
     return WorkItem(pixels.estimator, replace(pixels.plan, seed=seed), x, y, start, end, samples, store)

@@ -237,6 +237,23 @@ def test_bytes_that_are_lost_or_changed_raise_nothing_else():
                 MeshFile(bytes(content))
 
 
+@pytest.mark.parametrize("offset", [0, 100])
+@pytest.mark.parametrize("steps, squares, closed", [(1, SQUARES, True), (1, SQUARES[1:], False), (200, SQUARES, False)])
+def test_corners_that_differ_by_a_rounding_of_single_precision_are_joined(offset, steps, squares, closed):
+    """A hole stays a hole, and so does a gap."""
+    generator = np.random.default_rng(1)
+    for _ in range(20):
+        corners = (CUBE.vertices[np.array(squares)].reshape(-1, 3) + offset + 0.1).astype("f4")
+        corners += generator.integers(0, steps + 1, corners.shape) * np.spacing(corners).max()
+        data = ply("binary_little_endian", np.arange(len(corners)).reshape(-1, 4).tolist(), corners)
+        if closed:
+            mesh = MeshFile(data).mesh(0, np.eye(4))
+            assert np.linalg.det(mesh.vertices[mesh.triangles] - offset).sum() / 6 == pytest.approx(1, abs=1e-4)
+        else:
+            with pytest.raises(ValueError, match="belong to one face alone"):
+                MeshFile(data)
+
+
 @pytest.mark.parametrize(
     "boxes, volume, warning",
     [

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64, OpType
+from manifold3d import Mesh as MeshOfFloats
 
 from .mesh_formats import MeshError, parse
 from .primitives import CornerAttributes, Mesh, Primitive
@@ -32,8 +33,9 @@ class MeshFile(Primitive):
     def __init__(self, data: bytes) -> None:
         """Reads the content of a mesh file. Raises ValueError, with the reason, if the file does not describe a solid.
 
-        Vertices at equal positions become one vertex. Degenerate triangles and unused vertices are removed. If the mesh
-        is inside out, all its triangles are reversed. Parts of the mesh that overlap become one.
+        Vertices at equal positions become one vertex, and so do vertices of open edges whose positions differ by the
+        rounding of single precision. Degenerate triangles and unused vertices are removed. If the mesh is inside out,
+        all its triangles are reversed. Parts of the mesh that overlap become one.
         """
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
@@ -46,7 +48,8 @@ class MeshFile(Primitive):
             why = error if isinstance(error, MeshError) else "it is damaged, or in another format"
             raise ValueError(f"cannot be read: {why}; expected a closed mesh in PLY, OBJ, STL or OFF") from None
         triangles = number.reshape(-1)[index[..., 0]]
-        proper = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+        triangles = _joined(points, triangles[_proper(triangles)])[triangles]
+        proper = _proper(triangles)
         used, corner = np.unique(triangles[proper], return_inverse=True)
         points, triangles, index = points[used], corner.reshape(-1, 3), index[proper]
         _check_closed(points, triangles)
@@ -105,6 +108,18 @@ def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> Non
         raise MeshError("a face has a corner that does not exist, or that has too few numbers")
     if not (np.abs(table) <= LARGE).all():
         raise MeshError(f"a number is not finite, or beyond {LARGE:g}")
+
+
+def _proper(triangles: np.ndarray) -> np.ndarray:
+    return np.asarray((triangles != np.roll(triangles, 1, axis=1)).all(axis=1))
+
+
+def _joined(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Returns a number for each point: vertices of open edges that are equal in single precision have equal numbers."""
+    mesh, number = MeshOfFloats(points.astype("f4"), triangles.astype("u4")), np.arange(len(points))
+    if mesh.merge():
+        number[np.array(mesh.merge_from_vert, int)] = np.array(mesh.merge_to_vert, int)
+    return number
 
 
 def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:

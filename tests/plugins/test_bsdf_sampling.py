@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from drawing.curves import interaction
 from mitsuba.chi2 import ChiSquareTest, PlanarDomain, SphericalDomain
-from scenes import only, slow
+from scenes import only
 
 ALPHAS = (0.02, 0.2, 1.0)
 INCIDENCES = (0, 30, 60, 85)
@@ -110,42 +110,15 @@ def test_lobes_of_facets_are_drawn_with_their_density(variant_rgb, kind, distrib
         check_facets(bsdf, angle, alpha, only(SPECULAR) if kind == "composite" else None)
 
 
-@pytest.mark.parametrize("flags", (mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.GlossyTransmission))
-def test_one_component_of_a_dielectric_is_drawn_with_its_density(variant_rgb, flags):
-    bsdf = mi.load_dict({"type": "prosim_dielectric", "alpha": 0.3})
-    for angle in (30, 120):
-        check_facets(bsdf, angle, 0.3, only(flags))
-
-
 #: An index that differs much, so that the lobes of r, g and b lie apart.
 DISPERSIVE = {"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25}
-PHONG = {"type": "prosim_phong", "exponent": 20.0}
-ALL, DIFFUSE = mi.BSDFFlags.All, mi.BSDFFlags.DiffuseReflection
-#: BSDFs, the components that are drawn, and angles of incidence.
-WIDE = [
-    (PHONG, SPECULAR, (30, 85)),
-    (PHONG, DIFFUSE, (30, 85)),
-    *slow(
-        ({"type": "prosim_lambertian"}, ALL, INCIDENCES),
-        ({"type": "prosim_composite"}, DIFFUSE, INCIDENCES),  # beside an ideal lobe
-        ({"type": "prosim_composite", "alpha": 0.4}, ALL, INCIDENCES),
-        ({"type": "prosim_composite", "exponent": 20.0}, ALL, INCIDENCES),
-        ({"type": "prosim_phong"}, DIFFUSE, INCIDENCES),
-        (PHONG, ALL, INCIDENCES),
-        (PHONG | {"normalized": False}, ALL, INCIDENCES),
-        (PHONG | {"exponent": 0.0}, ALL, INCIDENCES),
-        (PHONG | {"exponent": 200.0, "specular_reflectance": 0.5}, ALL, INCIDENCES),
-        (DISPERSIVE, ALL, (50, 130)),
-        (DISPERSIVE, mi.BSDFFlags.GlossyTransmission, (50, 130)),
-    ),
-]
 
 
-@pytest.mark.parametrize("case", WIDE)
-def test_wide_lobes_are_drawn_with_their_density(variant_rgb, case):
-    bsdf, flags, angles = case
-    for angle in angles:
-        check_sphere(mi.load_dict(bsdf), angle, only(flags))
+@pytest.mark.slow
+@pytest.mark.parametrize("flags", (mi.BSDFFlags.All, mi.BSDFFlags.GlossyTransmission))
+def test_dispersive_lobes_are_drawn_with_their_density(variant_rgb, flags):
+    for angle in (50, 130):
+        check_sphere(mi.load_dict(DISPERSIVE), angle, only(flags))
 
 
 def test_numbers_side_by_side_give_directions_side_by_side(variant_rgb):

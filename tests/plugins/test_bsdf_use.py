@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, T, bitmap, camera, film, load_scene, only, slopes
+from scenes import FLAT, bitmap, camera, film, load_scene, only
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 MATERIALS = {
@@ -182,42 +182,6 @@ def test_only_the_ratio_of_the_indices_of_a_metal_and_its_medium_matters(variant
     water = mi.load_dict({"type": "prosim_conductor", "eta": 1.333, "k": 4.0, "ext_ior": "water"})
     air = mi.load_dict({"type": "prosim_conductor", "eta": 1.0, "k": 4.0 / 1.333})
     np.testing.assert_allclose(curves.reflectance(water, [0, 70]), curves.reflectance(air, [0, 70]), rtol=1e-5)
-
-
-METAL = {"type": "prosim_conductor", "alpha": 0.3, "eta": 1.5, "k": 2.0}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "material, key, step",
-    (
-        (METAL, "eta.value", 0.01),
-        (METAL, "k.value", 0.01),
-        (METAL | {"fresnel": "thesis"}, "k.value", 0.01),
-        ({"type": "prosim_conductor", "alpha": 0.3, "distribution": "gaussian"}, "alpha.value", 0.003),
-        ({"type": "prosim_conductor", "exponent": 20.0}, "exponent.value", 0.1),
-        ({"type": "prosim_dielectric", "alpha": 0.3}, "eta", 0.01),
-        ({"type": "prosim_dielectric", "alpha": 0.3}, "alpha.value", 0.003),
-        ({"type": "prosim_lambertian"}, "reflectance.value", 0.01),
-        ({"type": "prosim_composite", "alpha": 0.3}, "diffuse_reflectance.value", 0.01),
-        ({"type": "prosim_composite", "alpha": 0.3, "specular_reflectance": 0.4}, "specular_reflectance.value", 0.01),
-        ({"type": "prosim_composite", "alpha": 0.3}, "alpha.value", 0.003),
-        ({"type": "prosim_phong", "exponent": 20.0}, "specular_reflectance.value", 0.01),
-        ({"type": "prosim_phong", "exponent": 20.0}, "exponent.value", 0.1),
-    ),
-    ids=lambda p: p["type"] if isinstance(p, dict) else None,
-)
-def test_derivatives_match_finite_differences(variant_rgb, material, key, step):
-    """Through prb, for a plate seen and lit in parallel: a pixel is then the value of the BSDF, without noise."""
-    place = T().look_at([1, 0, 2], [0, 0, 0], [0, 1, 0]).scale(0.1)
-    world = load_scene(
-        integrator={"type": "prb", "max_depth": 2},
-        sensor={"type": "orthographic", "to_world": place, "film": film(2)},
-        plate={"type": "rectangle", "bsdf": material},
-        sun={"type": "directional", "direction": [1.2, 0.3, -2], "irradiance": 1.0},
-    )
-    found, difference = slopes(world, f"plate.bsdf.{key}", step)
-    assert found == pytest.approx(difference, rel=5e-3) and difference != 0
 
 
 @pytest.mark.parametrize(

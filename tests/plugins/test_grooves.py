@@ -117,16 +117,6 @@ def test_groove_loses_no_light(variant_rgb, roughness, value):
         assert dr.mean(weight[0])[0] == pytest.approx(1, abs=2e-3)
 
 
-@pytest.mark.parametrize("kind", MATERIALS)
-@pytest.mark.parametrize("roughness, value", ROUGHNESSES)
-def test_groove_is_reciprocal(variant_rgb, kind, roughness, value):
-    bsdf, rng = material(kind, roughness, value), np.random.default_rng(2)
-    a, b = (mi.warp.square_to_uniform_hemisphere(mi.Point2f(*rng.random((2, 4096)))) for _ in range(2))
-    forth = bsdf.eval(mi.BSDFContext(), interaction(a), b)[0] * a.z
-    back = bsdf.eval(mi.BSDFContext(), interaction(b), a)[0] * b.z
-    assert dr.allclose(forth, back, rtol=2e-3, atol=1e-5)
-
-
 @pytest.mark.parametrize("roughness, value", ROUGHNESSES)
 def test_groove_has_derivatives_by_roughness(variant_rgb, roughness, value):
     """Derivatives against differences, at 256 pairs of directions."""

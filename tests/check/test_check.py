@@ -22,12 +22,17 @@ RIGHT = list(
     {str(table[name][0]): (kind, name) for kind, (_, table) in mutants.KINDS.items() for name in table}.values()
 )
 LITERAL, SPOT = {"normalized": False}, {"distribution": "spot", "exponent": 6.0, "angle": 60.0}
+GROOVES = {"multiple_scattering": True}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian", "fresnel": "thesis", "eta": 1.5, "k": 2.0}
 #: Plugins with parameters.
 SETS = {
-    "prosim_conductor": [{}, {"alpha": 0.3}, {"exponent": 3.0}, GAUSSIAN],
+    "prosim_conductor": [{}, {"alpha": 0.3, **GROOVES}, {"exponent": 3.0}, GAUSSIAN],
     "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0}],
-    "prosim_composite": [{"alpha": 0.4}, {"exponent": 20.0}, {"alpha": 1.0, "distribution": "gaussian"}],
+    "prosim_composite": [
+        {"alpha": 0.4},
+        {"exponent": 20.0, **GROOVES},
+        {"alpha": 1.0, "distribution": "gaussian", **GROOVES},
+    ],
     "prosim_phong": [{"exponent": 0.0}, {"exponent": 20.0}, {"exponent": 5.0, **LITERAL}],
     "prosim_area": [SPOT, {"distribution": "cone", "angle": 25.0}],
     "prosim_point": [SPOT, {"distribution": "cone", "angle": 25.0}],

@@ -53,6 +53,7 @@ OURS = {
     "paths": {"type": "prosim", "adaptive": "none", "max_level": -1, "diffuse_bounces": -1},
     "adaptive": {"type": "prosim_adaptive", "adaptive": "none", "nested": {"type": "path"}},
 }
+WAYS = OURS | {"paths by two rays": {"type": "prosim", "adaptive": "none", "diffuse_bounces": 8}}
 #: Pixels of a side of a card, and samples of a pixel.
 SIDE, SAMPLES = 12, 64
 
@@ -138,12 +139,13 @@ def test_surface_looks_as_by_path(variant_rgb, wrapper, lamp):
         mean, variance = statistics([PARTNER], lamp, {"type": "path"})
         between = np.square(expected[0] - mean) / 4 / SAMPLES
         expected = (expected[0] + mean) / 2, (expected[1] + variance) / 2 + between
-    found = {way: statistics(wrapped, lamp, ours) for way, ours in OURS.items()}
+    found = {way: statistics(wrapped, lamp, ours) for way, ours in WAYS.items()}
     inner = statistics(wrapped, lamp, {"type": "path"}) if wrapper == "blendbsdf" else expected
-    # The tree finds the light of hair by light sampling alone, and takes the rays through a blended filter at random.
+    # These find the light of hair by light sampling alone, and take the rays through a blended filter at random.
     noisy = np.isin([*cards], ["hair", "circular"] if wrapper == "blendbsdf" else ["hair"])[:, None]
-    found["tree"] = tuple(np.where(noisy, a, b) for a, b in zip(expected, found["tree"]))
-    wrong = {way: failures(cards, inner if way == "adaptive" else expected, found[way]) for way in OURS}
+    for way in "tree", "paths by two rays":
+        found[way] = tuple(np.where(noisy, a, b) for a, b in zip(expected, found[way]))
+    wrong = {way: failures(cards, inner if way == "adaptive" else expected, found[way]) for way in WAYS}
     assert not any(wrong.values()), wrong
 
 

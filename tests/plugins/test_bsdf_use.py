@@ -77,26 +77,6 @@ def test_choices_of_a_model_are_no_parameters_of_a_scene(variant_rgb, material):
     assert "normalized = False" in str(bsdf) or "multiple_scattering = True" in str(bsdf)
 
 
-@pytest.mark.slow
-@each
-@pytest.mark.parametrize("wrapper", ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf"))
-def test_a_material_looks_the_same_within_an_adapter_that_changes_nothing(variant_rgb, wrapper, material):
-    settings = {
-        "twosided": {},
-        "mask": {"opacity": 1.0},
-        "bumpmap": {"scale": 0.0, "arbitrary": bitmap(np.ones((2, 2, 1)))},
-        "normalmap": {"normalmap": bitmap(FLAT)},
-        "blendbsdf": {"weight": 0.5, "b": material},
-    }[wrapper]
-    nested = {"type": wrapper, **settings, "a": material}
-    if wrapper == "twosided" and material["type"] == "prosim_dielectric":
-        with pytest.raises(RuntimeError, match="transmission"):
-            mi.load_dict(nested)
-        return
-    alone, inside = image(material, spp=256), image(nested, spp=256)
-    assert inside.mean() == pytest.approx(alone.mean(), rel=0.01)
-
-
 @pytest.mark.parametrize(
     "parameter, material",
     (

@@ -85,14 +85,6 @@ def test_many_spheres_are_merged_into_few_around_all():
     assert np.allclose(sorted(map(tuple, merged(spheres[:5].tolist(), 7))), sorted(map(tuple, spheres[:5])))
 
 
-def test_photon_targets_enclose_specular_objects_tightly(variant_rgb):
-    found, dull = Targets([s for s in small().shapes() if is_specular(s, tree=True)]), scene(lamp=lamp())
-    assert found.count == 1
-    assert np.allclose(np.ravel(np.array(found.centers)), (0, 1.2, 0), atol=1e-6)
-    assert 0.8 < float(found.radii[0]) < 0.801
-    assert Caustics.of(dull, dull.sensors()[0], 16, 3, tree=True) is None
-
-
 # ---------------------------------------------------------------- what is found
 
 
@@ -460,30 +452,6 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         ds, irradiance = emitter.sample_direction(it, points)
         expected = np.mean(np.array(irradiance)[k] * np.abs(np.array(ds.d.y))) / np.pi
         assert abs(by_mirror[k] / expected - 1) < (0.04 if kind in BALLS else 0.02)  # some thousand photons
-
-
-@pytest.mark.slow
-def test_an_edge_is_blurred_by_half_a_pixel(variant_rgb):
-    """Where the light of a point lamp by way of a mirror ends: the kernel has a standard deviation of 0.41 pixels, and
-    the pixel itself one of 0.29; together they have 0.50.
-    """
-    half, n, width = 0.3, 12, 0.2
-    mirror = upright_mirror(half, 0)
-    world = scene(mirror=mirror, reflectance=1.0, lamp={"type": "point", "position": (1.5, 2, 0), "intensity": 3.0})
-    sensor = parallel(n, width / 2, (2, 5, 0.7), (2, 0, 0.7))
-    all_light, direct = (render(world, 1, sensor, caustics=on, caustic_photons=1 << 21) for on in (True, False))
-    across = ((np.arange(n) + 0.5) / n - 0.5) * width
-    x, z = np.meshgrid(2 - across, 0.7 - across)
-    image = 3 * 2 / np.pi / ((x + 1.5) ** 2 + 4 + z**2) ** 1.5  # of the lamp, at (-1.5, 2, 0)
-    slant = np.hypot(1, half / 1.5)
-    within = (half * (x + 1.5) / 1.5 - z) / slant / (width / n)  # distance from the edge, in pixels
-    share = (all_light - direct)[..., 0] / image
-    assert share[within > 2] == pytest.approx(1, abs=0.25) and share[within > 2].mean() == pytest.approx(1, abs=0.01)
-    assert not share[within < -2].any()
-    missing = np.where(within > 0, 1 - share, share)[abs(within) < 2]
-    distance = within[abs(within) < 2]
-    assert abs((missing * np.sign(distance)).sum()) / (n * slant) < 0.05  # the edge is where it ought to be
-    assert 0.45 < np.sqrt(2 * (missing * abs(distance)).sum() / (n * slant)) < 0.55
 
 
 def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb):

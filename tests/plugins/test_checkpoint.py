@@ -73,8 +73,10 @@ def test_truncated_checkpoint_is_refused(variant_rgb, tmp_path):
         with pytest.raises(CheckpointError, match="is damaged"):
             checkpoint.load(path)
     OpenEXR.File({}, {"R": np.zeros((2, 2), np.float32)}).write(str(path))
-    with pytest.raises(NotACheckpointError, match="is no checkpoint"):
-        checkpoint.load(path)
+    np.savez(tmp_path / "another.npz", image=np.zeros(5))
+    for foreign in path, tmp_path / "another.npz":
+        with pytest.raises(NotACheckpointError, match="is no checkpoint"):
+            checkpoint.load(foreign)
     with pytest.raises(FileNotFoundError):
         checkpoint.load(tmp_path / "nothing")
     with pytest.raises(OSError, match="No space"):
@@ -99,8 +101,8 @@ def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(vari
     checkpoint.save(made(), path)
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-    members["pixels.total.npy"] = members["pixels.total.npy"].replace(b"(15,)       ", b"(100000000,)") + bytes(
-        4 * 10**8
+    members["pixels.total.npy"] = members["pixels.total.npy"].replace(b"(15,)       ", b"(10000000,) ") + bytes(
+        4 * 10**7
     )
     with zipfile.ZipFile(path, "w", compression, compresslevel=1) as archive:
         for name, content in members.items():
@@ -113,13 +115,6 @@ def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(vari
         assert tracemalloc.get_traced_memory()[1] < 10**6
     finally:
         tracemalloc.stop()
-
-
-def test_archive_of_another_program_is_no_checkpoint(variant_rgb, tmp_path):
-    path = tmp_path / "a.npz"
-    np.savez(path, image=np.zeros(5))
-    with pytest.raises(NotACheckpointError, match="is no checkpoint"):
-        checkpoint.load(path)
 
 
 def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path, monkeypatch):

@@ -463,14 +463,6 @@ def test_time_limit_takes_samples_where_the_filter_is_wide(variant_rgb, denoiser
 
 
 @pytest.mark.slow
-def test_time_is_left_for_the_denoiser(variant_rgb, denoiser):
-    denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2, noise=0.05)))  # compiles
-    denoising.render(mi.load_dict(penumbra(size=16, type="prosim", samples=2)))  # loads the denoiser
-    _, render = done(mi.load_dict(penumbra(size=16, type="prosim", samples=2, time=10.0)))
-    assert render.finished and render.target.reserved > 0
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "make, asked, denoised",
     [

@@ -117,30 +117,6 @@ def test_groove_loses_no_light(variant_rgb, roughness, value):
         assert dr.mean(weight[0])[0] == pytest.approx(1, abs=2e-3)
 
 
-@pytest.mark.parametrize("roughness, value", ROUGHNESSES)
-def test_groove_has_derivatives_by_roughness(variant_rgb, roughness, value):
-    """Derivatives against differences, at 256 pairs of directions."""
-    rng = np.random.default_rng(3)
-    a, b = (mi.warp.square_to_uniform_hemisphere(mi.Point2f(*rng.random((2, 256)))) for _ in range(2))
-
-    def reflected(change, enabled=False):
-        bsdf = material("conductor", roughness, value)
-        parameters = mi.traverse(bsdf)
-        (key,) = (k for k, _ in parameters.items() if k.startswith(("alpha", "exponent")))
-        width = mi.Float(value + change)
-        if enabled:
-            dr.enable_grad(width)
-        parameters[key] = width
-        parameters.update()
-        return width, dr.sum(bsdf.eval(mi.BSDFContext(), interaction(a), b)[0])
-
-    step = 4e-3 * value
-    difference = (reflected(step)[1] - reflected(-step)[1]) / (2 * step)
-    width, total = reflected(0, True)
-    dr.backward(total, dr.ADFlag.ClearNone)
-    assert dr.grad(width)[0] == pytest.approx(difference[0], rel=0.04)
-
-
 @pytest.mark.parametrize("roughness, value", [("alpha", 0.3), ("alpha", 0.9), ("gaussian", 0.6)])
 def test_light_of_a_mirror_has_no_derivative_by_roughness(variant_rgb, roughness, value):
     """All light is reflected at any roughness, also where steep facets are neglected."""
@@ -157,12 +133,6 @@ def test_light_of_a_mirror_has_no_derivative_by_roughness(variant_rgb, roughness
     light = bsdf.eval(mi.BSDFContext(), si, sample.wo)[0] / dr.detach(sample.pdf)
     dr.backward(dr.mean(dr.select(sample.pdf > 0, light, 0)))
     assert dr.grad(width)[0] == pytest.approx(0, abs=6e-3)
-
-
-@pytest.mark.parametrize("kind", MATERIALS)
-def test_multiple_scattering_must_be_true_or_false(variant_rgb, kind):
-    with pytest.raises(RuntimeError, match=r"multiple_scattering.*true or false"):
-        material(kind, "alpha", 0.5, multiple_scattering=1.0)
 
 
 def test_power_multiplies_reflectances(variant_rgb):

@@ -53,15 +53,8 @@ def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "ball",
-    [
-        COPPER,
-        {**COPPER, "alpha": 0.004},
-        {"type": "conductor", "material": "Cu"},
-        {"type": "roughplastic", "alpha": 0.1},
-        {"type": "dielectric"},
-        ROUGH_GLASS,
-    ],
-    ids=["rough", "nearly smooth", "mirror", "plastic", "glass", "rough glass"],
+    [{**COPPER, "alpha": 0.004}, {"type": "dielectric"}, ROUGH_GLASS],
+    ids=["nearly smooth", "glass", "rough glass"],
 )
 def test_one_specular_object_equals_path(variant_rgb, ball):
     """No highlight is lost or counted twice, whatever the roughness; a tree of depth 8 for glass."""
@@ -89,28 +82,6 @@ def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     path = renderings(scene, 16, spp=64, type="path", max_depth=8)
     ours = renderings(scene, 16, spp=64, type="prosim", adaptive="none", max_level=6, diffuse_bounces=bounces)
     assert same_expectation(path, ours)
-
-
-@pytest.mark.slow
-def test_every_kind_of_source_equals_path(variant_rgb):
-    """A sphere, a point, a rectangle, an environment and a spot at once; more sources than are unrolled.
-
-    (Mitsuba 3.9.1's ``direct`` counts point sources several times when ``emitter_samples`` is not 1.)
-    """
-    images = []
-    for integrator, spp in (
-        ({"type": "path", "max_depth": 2}, 400),
-        ({"type": "prosim", "adaptive": "none", "max_level": 0}, 64),
-    ):
-        scene = penumbra(**integrator)
-        scene["point"] = {"type": "point", "position": [2, 3, 2], "intensity": rgb(3, 1, 1)}
-        lit = {"type": "area", "radiance": rgb(1, 2, 3)}
-        scene["window"] = rectangle(T().translate([3, 3, 0]).rotate([0, 1, 0], -90), emitter=lit)
-        scene["sky"] = {"type": "constant", "radiance": rgb(0.1, 0.1, 0.2)}
-        above = T().look_at([0, 4, 2], [0, 0, 0], [0, 0, 1])
-        scene["spot"] = {"type": "spot", "intensity": rgb(5, 5, 0), "to_world": above}
-        images.append(renderings(scene, 12, spp=spp))
-    assert same_expectation(*images)
 
 
 @pytest.mark.slow
@@ -409,7 +380,8 @@ def test_threshold_and_limits(variant_rgb):
     assert mean(threshold=0.0) >= mean(threshold=0.003) > mean(threshold=0.03)
     assert mean(threshold=1e9, min_passes=2) == 10
     assert mean(threshold=0.0, max_samples=15) <= 15
-    assert mean(adaptive="none", samples=3) == 9
+    assert mean(adaptive="none", samples=3) == 9 and mean(adaptive="none", samples=10, max_samples=6) == 6
+    assert mean(adaptive="none", max_samples=99) == 99
 
 
 @pytest.mark.slow
@@ -429,14 +401,6 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     assert abs(neighbours - truth) < 3.3 * np.hypot(truth_error, neighbours_error)
     assert abs(thesis - truth) > 3.3 * np.hypot(truth_error, thesis_error)
     assert abs(thesis / truth - 1) < 0.01
-
-
-@pytest.mark.slow
-def test_uneven_counts_do_not_bias_the_filter(variant_rgb):
-    """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
-    even = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="none"), 40)
-    uneven = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="neighbours"), 40, first_seed=1000)
-    assert same_expectation(even, uneven)
 
 
 @pytest.mark.slow

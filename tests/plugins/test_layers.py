@@ -3,7 +3,7 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from image_statistics import renderings, same_expectation
+from image_statistics import same_expectation
 from mitsuba_prosim.transport import radiance as layers
 from scenes import T, area, diffuse, penumbra, rectangle, rgb, sphere_lamp, without
 
@@ -73,16 +73,6 @@ def test_the_layer_of_a_lamp_has_the_expectation_of_a_render_with_it_alone(varia
     for name in LAMPS:
         single = np.stack([rendered(scene(ball, lamps(name), **settings), 100 + seed)[0] for seed in range(10)])
         assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3)
-
-
-@pytest.mark.slow
-def test_the_layer_of_a_lamp_has_the_expectation_of_path_with_it_alone(variant_rgb):
-    """Significance 0.001 for each of 4 lamps."""
-    parts = [rendered(scene(layers="lights", diffuse_bounces=-1, samples=4), seed)[1] for seed in range(10)]
-    for name in LAMPS:
-        path = scene(light=lamps(name)) | {"integrator": {"type": "path", "max_depth": 4, "rr_depth": 100}}
-        single = renderings(path, 10, spp=64, first_seed=100)
-        assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3), name
 
 
 @pytest.mark.parametrize("bounces", [0, 2, -1])

@@ -1,6 +1,5 @@
 """The equations of chapters 2 and 3 against quadrature, and the curves of the figures."""
 
-import math
 import re
 from pathlib import Path
 
@@ -62,30 +61,6 @@ def test_azimuth_inverts_its_density(variant_rgb):
         errors.append(np.abs(np.interp(drawn, phi, share) - u))
     assert np.max(errors) < 2e-4
     assert np.mean(errors) < 1e-5
-
-
-@pytest.mark.parametrize("angle", (0, 30, 60, 85))
-@pytest.mark.parametrize("alpha", WIDTHS)
-@pytest.mark.parametrize("name", DISTRIBUTIONS)
-def test_visible_facets_fill_the_projected_area(variant_rgb, name, alpha, angle):
-    """The integral of G1(w) <w, m> D(m) over the facets is cos w: seen together, they are the surface."""
-    d = DISTRIBUTIONS[name]
-    m, area = curves.facets(alpha, 512)
-    w = curves.direction(angle)
-    w_m = dr.dot(w, m)
-    seen = dr.select(w_m > 0, facets.g1(w.z, m.z, w_m) * w_m * d.D(m, mi.Float(roughness(d, alpha))), 0)
-    assert dr.sum(seen * area)[0] == pytest.approx(math.cos(math.radians(angle)), rel=2e-3)
-
-
-def test_attenuation_is_torrance_and_sparrows(variant_rgb):
-    rng = np.random.default_rng(1)
-    v, w = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in np.abs(rng.normal(size=(2, 1000, 3))))
-    h = v + w
-    h /= np.linalg.norm(h, axis=1, keepdims=True)
-    vh = (v * h).sum(1)
-    expected = np.minimum(1, np.minimum(2 * h[:, 2] * v[:, 2] / vh, 2 * h[:, 2] * w[:, 2] / vh))
-    g = facets.g(*(mi.Float(x) for x in (v[:, 2], w[:, 2], h[:, 2], vh)))
-    np.testing.assert_allclose(g, expected, rtol=1e-5)
 
 
 def test_fresnel_matches_the_amplitudes(variant_rgb):

@@ -150,13 +150,6 @@ def test_examples_load_and_agree(name, variant_rgb):
         assert str(value) == str(python_parameters[key])
 
 
-@pytest.mark.parametrize("name", sorted(registry.PLUGINS))
-def test_documentation_is_complete(name):
-    text = inspect.getdoc(registry.PLUGINS[name])
-    assert re.search(rf"^\.\. _\w+-{name}:$", text, re.MULTILINE)
-    assert f":monosp:`{name}`" in text and ".. pluginparameters::" in text
-
-
 MORE = {
     "metal": {"type": "prosim_conductor", "material": "Au"},
     "black": {"type": "prosim_point", "intensity": 0.0},

@@ -4,7 +4,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from image_statistics import renderings, same_expectation
 from mitsuba_prosim.sampling.hash import hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
@@ -181,18 +180,6 @@ def test_sampler_and_clone_continue_after_a_wavefront(variant_rgb):
         return np.concatenate(points)
 
     assert np.array_equal(take(16), take(4))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("integrator", ["path", "direct", "prb"])
-def test_sampler_has_the_expectation_of_other_samplers(variant_rgb, integrator):
-    scene = mi.cornell_box()
-    scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
-    images = []
-    for sampler in ("independent", "nrook", "owen"):
-        scene["sensor"]["sampler"] = {"type": sampler, "sample_count": 16}
-        images.append(renderings(scene, 16, type=integrator))
-    assert same_expectation(*images[:2]) and same_expectation(*images[::2])
 
 
 @pytest.mark.parametrize("integrator", ["direct", "prb"])

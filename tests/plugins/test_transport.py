@@ -11,7 +11,6 @@ from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
-from scipy import stats
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": 0.5, "roughness": 0.4}
@@ -31,55 +30,6 @@ def card(bsdf, **others):
         "ball": {"type": "sphere", "center": [90, 0, 0], "bsdf": {"type": "roughconductor"}},
         **others,
     }
-
-
-def assert_as_path(scene, *bounces, spp=256, **settings):
-    """By any of these numbers of ``diffuse_bounces`` the mean of the image is that of ``path``: Welch's test on the
-    means of 6 images of each, significance 0.001.
-    """
-
-    def means(**integrator):
-        return renderings(scene, 6, spp=spp, **integrator).mean((1, 2, 3))
-
-    expected = means(type="path", max_depth=8)
-    for number in bounces:
-        found = means(type="prosim", adaptive="none", diffuse_bounces=number, **settings)
-        if expected.std() < 1e-6 and found.std() < 1e-6:
-            assert found.mean() == pytest.approx(expected.mean(), rel=1e-4), number
-        else:
-            assert stats.ttest_ind(expected, found, equal_var=False).pvalue > 1e-3, number
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "bsdf",
-    [
-        {"type": "mask", "opacity": 0.25, "b": BLACK},
-        {"type": "mask", "opacity": 0.75, "b": {"type": "prosim_composite", "int_ior": 4.0}},
-        {"type": "thindielectric"},
-    ],
-    ids=["mask", "mask of composite", "thindielectric"],
-)
-def test_what_is_seen_through_is_counted_once(variant_rgb, bsdf):
-    light = rectangle(T().translate([0, 0, -1]).scale(9), **area())
-    scene = card(bsdf, sky={"type": "constant", "radiance": 0.5}, light=light)
-    assert_as_path(scene, 0, 8, -1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "bsdf",
-    [
-        PRINCIPLED,
-        {"type": "mask", "opacity": 0.5, "b": PRINCIPLED},
-        {"type": "blendbsdf", "weight": 0.5, "a": PRINCIPLED, "b": {"type": "diffuse"}},
-        {"type": "hair", "eumelanin": 0.2},
-    ],
-    ids=["principled", "mask", "blendbsdf", "hair"],
-)
-def test_lobes_that_cannot_be_evaluated_separately_are_counted_once(variant_rgb, bsdf):
-    scene = card(bsdf, sky={"type": "constant", "radiance": 0.5}, light=sphere_lamp([1.5, 1.5, 3.0], 0.3, 10.0))
-    assert_as_path(scene, 0, 20, -1, spp=400, max_level=6)
 
 
 def test_an_instance_looks_as_what_it_is_of(variant_scalar):

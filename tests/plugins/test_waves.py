@@ -373,18 +373,6 @@ def test_the_error_of_most_pixels_is_within_the_limit(variant_rgb, name, percent
     assert 0.5 < np.percentile(errors, percent) / measured < 1.6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("adaptive", ["none", "graded"])
-def test_time_ends_in_time(variant_rgb, adaptive):
-    """Loosely: other processes may run at the same time."""
-    scene = mi.load_dict(alone(COPPER, size=128, type="prosim", adaptive=adaptive, time=2.0))
-    mi.render(scene, seed=1)  # compiles
-    start = time.perf_counter()
-    far = reached(scene, seed=2)
-    assert 1 < time.perf_counter() - start < 4
-    assert far.seconds == pytest.approx(2, abs=1) and far.samples > 1
-
-
 def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
     executor = Executor()
     for _ in range(10):

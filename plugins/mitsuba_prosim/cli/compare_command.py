@@ -87,10 +87,8 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
 
 
 def summary(facts: Mapping[str, Any], light: Mapping[str, str]) -> str:
-    """Returns the main result of a comparison as a few lines of text.
-
-    ``facts`` are the results, see :attr:`.Comparison.facts`; only the first section is in the text, one line for each
-    of its rows. ``light`` maps the name of each light transport to the description that the text shows.
+    """Returns the rows of the first section of the results, see :attr:`.Comparison.facts`, as a few lines of text.
+    ``light`` describes each light transport.
     """
     section = facts["sections"][0]
     lines = [f"Light: {light[section['transport']]}. Samples and times are as near to equal as the samplers allow."]

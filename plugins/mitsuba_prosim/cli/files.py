@@ -37,11 +37,10 @@ STATE_SUFFIXES = re.compile(r"(\.state|\.\d+-of-(?P<of>\d+))\.npz$")
 
 
 class InputFile(click.Path):
-    """The click type of a command-line argument that names an existing file.
+    """The click type of an argument that names an existing file of one of ``kinds``, see :func:`kind`.
 
-    ``kinds`` are the allowed kinds of files, as :func:`kind` returns them. ``what`` is the name of the allowed files in
-    error messages. ``patterns`` match the names of allowed files. ``writer`` is the prosim command that writes allowed
-    files; error messages show this command.
+    In error messages, ``what`` names the allowed files, and ``writer`` is the prosim command that writes them.
+    ``patterns`` match their names.
     """
 
     def __init__(self, what: str, kinds: Collection[str], patterns: Collection[str], writer: str = "") -> None:
@@ -50,7 +49,7 @@ class InputFile(click.Path):
         self.writes = writer and f" {writer} writes one."  # the end of a message
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Returns the path of the file; raises BadParameter for a missing file, and for a file that is not allowed."""
+        """Returns the path of the file; raises BadParameter for a file that is missing or not allowed."""
         path = Path(os.fsdecode(value))
         try:
             super().convert(value, param, ctx)
@@ -62,10 +61,8 @@ class InputFile(click.Path):
         return path
 
     def suggestion(self, path: Path) -> str:
-        """Returns the text " Did you mean FILE?" for an error message, or "" if no file has a similar name.
-
-        Among the files in the folder of ``path`` that match one of ``patterns``, FILE is the file with the name most
-        similar to the name of ``path``. Only the parts of the names before the first dot are compared.
+        """Returns " Did you mean FILE?", with the most similar name in the folder that matches a pattern, or "". Only
+        the parts of the names before the first dot are compared.
         """
         candidates = chain.from_iterable(map(path.parent.glob, self.patterns))
         files = {file.name.partition(".")[0]: file for file in candidates if file != path}
@@ -81,21 +78,13 @@ PART_FILE = InputFile(PART, (PART,), ("*.*-of-*.npz",), "prosim render --part 1/
 
 
 def image_stem(path: Path) -> Path:
-    """Returns the path of an image without suffix, from the path of its state, a part, or another file.
-
-    From the path of a state or a part, suffixes such as ``.state.npz`` or ``.3-of-4.npz`` are removed; from another
-    path, the last suffix.
-    """
+    """Returns the path of an image without suffix, from the path of its state, of a part, or of another file."""
     name = STATE_SUFFIXES.sub("", path.name)
     return path.with_name(name if name != path.name else path.stem)
 
 
 def quoted_path(path: Path) -> str:
-    """Returns the path as an argument of a shell command, in quotes if necessary.
-
-    For the path of a part of an image, the result is a pattern that matches all parts of this image, such as
-    ``night.*-of-4.npz``.
-    """
+    """Returns the path as an argument of a shell command; for a part of an image, a pattern for all its parts."""
     match = STATE_SUFFIXES.search(path.name)
     return (
         f"{shlex.quote(str(image_stem(path)))}.*-of-{match['of']}.npz"
@@ -105,12 +94,10 @@ def quoted_path(path: Path) -> str:
 
 
 def kind(path: Path) -> str:
-    """Returns the kind of a file, such as "an EXR image"; the file's first bytes and suffix determine the kind.
+    """Returns the kind of a file, such as "an EXR image", by its first bytes and its suffix.
 
-    A file with unknown first bytes is a Mitsuba scene if its suffix is .xml, else a text file. A pipe is a text file,
-    because the scene language is read only once, unless its suffix is .xml. A file with a checkpoint is the state of a
-    render or a part of an image; a checkpoint that cannot be read counts as the state of a render. A file without
-    content is "an empty file". Raises OSError if the file cannot be opened.
+    An unknown file or a pipe is a text, or a Mitsuba scene if its suffix is .xml. A checkpoint that cannot be read
+    counts as the state of a render. Raises OSError if the file cannot be opened.
     """
     if not path.is_file() and (not path.is_fifo() or path.suffix.lower() == ".xml"):  # XML is read several times
         return DEVICE
@@ -142,10 +129,8 @@ FILE_SUFFIXES = re.compile(
 def output_stem(output: str | None, default: Path, suffixes: Collection[str]) -> Path:
     """Returns the common path of a command's output files, without suffix.
 
-    ``output`` is the value of the option ``-o``: a file name with or without one of ``suffixes``, a folder, or None.
-    ``suffixes`` are the suffixes of the output files; they are removed from the end of ``output``. If ``output`` is
-    None, the result is ``default``. If ``output`` is a folder, the result is the file name of ``default`` in this
-    folder. Raises the errors of :func:`output_path`.
+    ``output`` is the value of the option ``-o``: None for ``default``, a folder for the name of ``default`` in it, or a
+    file name, with or without one of the ``suffixes`` of the output files. Raises the errors of :func:`output_path`.
     """
     if output is None:
         return default
@@ -158,12 +143,11 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
 
 
 def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
-    """Returns ``output``, the value of the option ``-o``, as a path, with the user's home folder for ``~``.
+    """Returns ``output``, the value of the option ``-o``, as a path, with the user's home folder for ``~``, which the
+    shell does not replace in quotes and after ``=``.
 
-    This function replaces ``~``, because the shell does not replace ``~`` in quotes and after ``=``. ``output`` names a
-    folder, or a file that has one of the ``suffixes`` or no known suffix. An existing folder is allowed with any
-    suffix. If ``suffixes`` is empty, ``output`` must name a folder. Raises BadParameter if ``output`` is empty or "-",
-    has the suffix of another kind of file (:data:`FILE_SUFFIXES`), or names a device.
+    Raises BadParameter unless ``output`` names a folder, or a file with one of the ``suffixes`` or no known suffix
+    (:data:`FILE_SUFFIXES`). Without ``suffixes``, it must name a folder.
     """
     path = Path(os.path.expanduser(output))
     suffix, is_device = path.suffix.lower(), os.path.exists(path) and not path.is_file()
@@ -176,12 +160,14 @@ def output_path(output: str, suffixes: Collection[str] = ()) -> Path:
 
 
 def with_suffixes(stem: Path, suffixes: Iterable[str]) -> list[Path]:
-    """Returns the paths of the output files, which are ``stem`` with each of the ``suffixes``."""
+    """Returns the paths of the output files."""
     return [stem.with_name(stem.name + suffix) for suffix in suffixes]
 
 
 def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Path]) -> None:
-    """Raises InputError if the output files can't be written, or if one of them is one of the ``sources``."""
+    """Raises InputError if the output files, which together have ``size`` bytes, cannot be written, or if one of them
+    is one of the input files ``sources``.
+    """
     try:
         atomic.check(with_suffixes(stem, suffixes), size)
     except OSError as error:
@@ -193,11 +179,9 @@ def check(stem: Path, suffixes: Collection[str], size: int, sources: Iterable[Pa
 
 
 def save(stem: Path, contents: Mapping[str, atomic.Content]) -> list[Path]:
-    """Writes the output files, and returns their paths; ``contents`` maps the suffix of each file to its content.
+    """Writes the output files, suffix -> content, and returns their paths.
 
-    If a file cannot be written, this function writes all files to another folder, and then raises a ClickException. The
-    message of this exception names the files in the other folder, or tells that the files could not be written to
-    another folder either.
+    If a file cannot be written, all files are written to another folder, and a ClickException tells which.
     """
     files = dict(zip(with_suffixes(stem, contents), contents.values()))
     try:

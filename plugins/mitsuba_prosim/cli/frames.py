@@ -26,14 +26,13 @@ DIGEST = "prosim.digest"
 
 
 class Animation:
-    """Renders frames one after another, but those that have the current :func:`digest` only with ``overwrite``."""
+    """Renders the frames of an animation one after another, with the options of one job.
+
+    A frame is not rendered again if its files exist with the current :func:`digest`, unless the job has ``overwrite``.
+    """
 
     def __init__(self, job: Job, stem: Path) -> None:
-        """Raises UsageError if the option -D defines $frame or $time.
-
-        Raises InputError if the animation has several frames, but the scene uses neither $frame nor $time, so that all
-        frames would be equal.
-        """
+        """Raises UsageError if the option -D defines $frame or $time, and InputError if all frames would be equal."""
         if conflict := {FRAME, TIME} & set(job.definitions):
             raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one.")
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
@@ -49,12 +48,10 @@ class Animation:
                 )
 
     def render(self) -> None:
-        """Renders the frames of the animation, and prints a report.
+        """Renders the missing frames, and prints a report. If the animation is interrupted, the process exits with code
+        1.
 
-        Frames whose EXR file exists with the current :func:`digest` are left out, unless the job has the option
-        ``overwrite``. If a signal or the loss of the cluster interrupts the animation, the process exits with code 1.
-        Raises ClickException, such as InputError, if a frame cannot be rendered; the files of the finished frames stay
-        on the disk.
+        Raises ClickException, such as InputError, if a frame cannot be rendered; the finished frames stay on the disk.
         """
         with Resources(self.job) as resources, Progress("film", len(self.frames)) as bar:
             resources.handle_signals()
@@ -72,13 +69,10 @@ class Animation:
             sys.exit(1)
 
     def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
-        """Renders the frame ``number``, unless the EXR file of this frame exists with the current :func:`digest` and
-        the job does not have the option ``overwrite``.
+        """Renders the frame ``number``, if it is missing, from its checkpoint, if there is one.
 
-        The values of $frame and $time, and the seed of the samples, depend on the ``number`` of the frame. With the
-        option ``checkpoint``, the render of an interrupted frame continues. If the frame is the first black frame of
-        the animation, a warning is shown. A frame that is interrupted now is not counted as rendered. Raises
-        ClickException if the frame cannot be rendered.
+        The values of $frame and $time, and the seed, depend on the ``number``. The first black frame causes a warning.
+        Raises ClickException if the frame cannot be rendered.
         """
         bar.begin(number, self.rendered, len(self.frames) - self.skipped)
         values = {name: value for name, value in self.definitions(number).items() if name in self.names}
@@ -111,10 +105,8 @@ class Animation:
         return self.stem.with_name(f"{self.stem.name}.{number:04d}")
 
     def report(self) -> str:
-        """Returns a line of text with the names of the image files, and the numbers of rendered, black and earlier
-        rendered frames.
-
-        The number of black frames or of earlier rendered frames is left out if it is 0.
+        """Returns the names of the image files, and the numbers of rendered, black and earlier rendered frames, in
+        words.
         """
         first, last = self.path(self.frames[0]), self.path(self.frames[-1])
         names = f"{first}.exr" if len(self.frames) == 1 else f"{first}.exr to {last.name}.exr"
@@ -124,10 +116,8 @@ class Animation:
 
 
 def digest(job: Job, file: scene_file.SceneFile) -> str:
-    """Returns the SHA-256 hash of the data that determine the image of a frame, up to rounding errors.
-
-    The hashed data are the content of the scene, the options that change the image, the variant and the software
-    versions. The hash depends neither on the scene's folder nor on the processor.
+    """Returns the SHA-256 hash of all that determines the image of a frame, up to rounding errors: the content of the
+    scene, options, the variant and the software versions, but neither the scene's folder nor the processor.
     """
     environment_facts = environment.this_environment()
     versions = [environment_facts[name] for name in environment.MUST_AGREE]
@@ -137,7 +127,7 @@ def digest(job: Job, file: scene_file.SceneFile) -> str:
 
 
 def is_rendered(task: RenderTask) -> bool:
-    """Tells whether the image files of the frame of ``task`` are undamaged and have its current digest."""
+    """Tells whether the image files of the frame exist, are not damaged, and have the current digest."""
     exr, png = Path(f"{task.stem}.exr"), Path(f"{task.stem}.png")
     if not exr.is_file() or not images.is_whole(exr.read_bytes()):
         return False

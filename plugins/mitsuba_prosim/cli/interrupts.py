@@ -16,15 +16,12 @@ AGAIN = 0.1
 
 @contextmanager
 def interruptible(stop: Callable[[], None], received_signals: list[int] | None = None) -> Iterator[list[int]]:
-    """Calls ``stop`` when the first signal in :data:`ENDING` arrives; a second signal ends the process at once.
+    """Calls ``stop`` when the first signal in :data:`ENDING` arrives; a second signal ends the process at once, with
+    the exit code 128 plus its number.
 
-    The exit code is then 128 plus the number of the second signal.
-
-    After the first signal, ``stop`` is called repeatedly until the ``with`` block ends, because a renderer ignores a
-    call before the render has started. Yields a list, to which the number of each arriving signal is appended. If the
-    caller passes the list ``received_signals``, the signal numbers are appended to this list. Signals that the process
-    ignores (after ``nohup``, or in the background of a script) stay ignored. A signal handler that was not installed
-    from Python is not replaced. The handlers of signals that are not in :data:`ENDING` run as before.
+    ``stop`` is called repeatedly until the ``with`` block ends, because a renderer ignores a call before the render has
+    started. Yields the list ``received_signals``, or a new one, to which the numbers of arriving signals are appended.
+    Ignored signals (after ``nohup``, for example) and handlers that were not installed from Python stay as they are.
     """
     received_signals = [] if received_signals is None else received_signals
     handled = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
@@ -34,7 +31,7 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
     # A thread watches for signals, because Python calls handlers only in the main thread, and Mitsuba's own integrators
     # block the main thread.
     def watch() -> None:
-        """Calls ``stop`` after a signal, and again every :data:`AGAIN` seconds; the second signal ends the process."""
+        """Reads signals from the socket until it is closed."""
         while True:
             try:
                 received = reader.recv(1)
@@ -54,7 +51,6 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             reader.settimeout(AGAIN)
 
     def handle(number: int, _: object) -> None:
-        """Handles a signal in the main thread: appends its number to ``received_signals``, and calls ``stop``."""
         received_signals.append(number)
         stop()
 

@@ -35,12 +35,11 @@ BY_SCENE, WITH_TARGET = "set by the scene", "with --noise, --time: "
 
 
 def _option(group: str, type_: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """Defines a field of a :class:`Job` and the command-line option of this field.
+    """Defines a field of a :class:`Job` and its command-line option, with the help ``text``, in a ``group`` of the
+    help.
 
-    ``group`` is the group of the option in the help text. ``type_`` is the type of the option's value; None for an
-    option without a value. ``text`` is the help text. ``flags`` are further names of the option. If ``flags`` contains
-    a long name (``--name``), this name replaces the long name that is made from the name of the field. ``settings`` are
-    further arguments of click's option; the default value is None, or False for an option without a value.
+    ``type_`` is the type of the value; None for an option without a value. ``flags`` are further names; a long one
+    replaces the name that is made from the name of the field. ``settings`` are further arguments of click's option.
     """
     settings = ({"is_flag": True, "default": False} if type_ is None else {"type": type_, "default": None}) | settings
     return field(default=settings["default"], metadata={"group": group, "flags": flags, "help": text} | settings)
@@ -137,11 +136,10 @@ class Job:
 
     @property
     def integrator(self) -> dict[str, Any]:
-        """Parameter name -> new value, for the scene's integrator; the value None removes a parameter.
+        """Parameters for the scene's integrator: name -> new value; the value None removes a parameter.
 
-        Fields of the job that are None change nothing. With a limit of noise or time, the policy ``adaptive`` is
-        "graded" if the job sets no policy. The field ``paths`` sets the parameters of path tracing; the field
-        ``max_level`` then replaces the unlimited depth.
+        With a limit of noise or time, the policy ``adaptive`` is "graded" unless the job sets it. The field ``paths``
+        sets the parameters of path tracing; ``max_level`` then replaces the unlimited depth.
         """
         parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in parameters for name in TARGETS):
@@ -175,18 +173,16 @@ class Job:
             ) from None
 
     def read_scene(self, folder: Path, **how: Any) -> scene_file.SceneFile:
-        """Reads the scene file of this job. Files that the scene translator makes are written to ``folder``.
-
-        ``how`` are further keyword arguments of :class:`.scene_file.SceneFile`. The docstring of SceneFile describes
-        the exceptions.
+        """Reads the scene file of this job, as :class:`.scene_file.SceneFile` with the further arguments ``how``; the
+        translator writes to ``folder``.
         """
         scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
         return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
 
 
 def from_json(name: str, value: Any) -> Any:
-    """Returns the ``value``, from JSON, of the field ``name`` of a :class:`Job`; the type of the field's option checks
-    the value. Raises exceptions of many kinds, such as BadParameter and TypeError, if the value is not allowed.
+    """Returns the ``value``, from JSON, of the field ``name`` of a :class:`Job`, after a check by the type of its
+    option. Raises exceptions of many kinds, such as BadParameter and TypeError, if the value is not allowed.
     """
     field_, settings = Job.__dataclass_fields__[name], Job.__dataclass_fields__[name].metadata
     if value is None and field_.default is None:
@@ -227,13 +223,13 @@ GROUPS = ("Quality", "Output", "Scene", "Film", "Comparison", "Page", "Distribut
 
 
 class Command(click.Command):
-    """A command whose function receives the scene and the options of :func:`job_options` as one :class:`Job`."""
+    """A click command whose function gets the scene and the options of :func:`job_options` as the :class:`Job` ``job``,
+    and whose help shows the options in groups.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parses the command-line arguments, and makes one :class:`Job` from the scene and the options.
-
-        Returns the arguments that the parser did not use. While a shell completes the command, no :class:`Job` is made.
-        Raises the errors of :func:`make_job`.
+        """Parses the arguments, and makes the :class:`Job`, unless a shell completes the command. Raises the errors of
+        :func:`make_job`.
         """
         rest = super().parse_args(ctx, args)
         if not ctx.resilient_parsing:
@@ -285,12 +281,11 @@ CONFLICTS = (
 
 
 def make_job(options: dict[str, Any]) -> Job:
-    """Returns the job for ``options``; if ``options`` has a variant, sets the variant and loads the plugins.
+    """Returns the job for ``options``, field of a :class:`Job` -> value; if there is a variant, sets it and loads the
+    plugins.
 
-    ``options`` maps fields of a :class:`Job` to the values on the command line. If ``options`` has snapshots, but no
-    limit of noise or time, the smallest error or the longest time of the snapshots becomes the limit that ends the
-    render. Raises UsageError if options contradict each other, InputError if an option does not work in the selected
-    variant, and the errors of :func:`choose_variant`.
+    The last of the snapshots becomes the limit that ends the render, if there is no other limit. Raises UsageError if
+    options contradict each other, InputError if the variant cannot do them, and the errors of :func:`choose_variant`.
     """
     given = {name for name, value in options.items() if value} | {f"layers={options.get('layers')}"}
     if options.get("max_level") not in (None, -1):
@@ -319,10 +314,11 @@ def make_job(options: dict[str, Any]) -> Job:
 
 
 def choose_variant(name: str | None) -> str:
-    """Sets the Mitsuba variant ``name``, or the default variant if ``name`` is None; returns the name of the variant.
+    """Sets the Mitsuba variant ``name``, or the default if it is None, loads all plugins, and returns the variant's
+    name.
 
-    The function also loads all plugins. The function warns if the variant is scalar, because scalar variants are slow.
-    Raises ImportError if Mitsuba does not have the variant, and ClickException if this machine cannot use the variant.
+    Warns if the variant is scalar. Raises ImportError if Mitsuba lacks the variant, and ClickException if this machine
+    cannot use it.
     """
     gc.disable()  # modules make many objects and no garbage
     try:
@@ -337,10 +333,8 @@ def choose_variant(name: str | None) -> str:
 
 
 def refuse_scalar(names: list[str], variant: str) -> None:
-    """Raises InputError if ``variant`` is scalar and ``names`` is not empty.
-
-    ``names`` are the options, parameters or commands in use that need progressive rendering. Scalar variants render
-    pixel by pixel, so they do not support progressive rendering.
+    """Raises InputError if ``variant`` is scalar and ``names`` is not empty: the options, parameters or commands in use
+    that need progressive rendering.
     """
     if variant.startswith("scalar_") and names:
         raise InputError(

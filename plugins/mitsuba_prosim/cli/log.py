@@ -25,15 +25,13 @@ DECORATION = re.compile(r"\x1b\[[0-9;]*m|\r[^\n]*")
 def log(verbose: int, folder: Path) -> Iterator[None]:
     """Prints Mitsuba's log messages to standard error, above the progress bar, until the ``with`` block ends.
 
-    If ``verbose`` is 0, only warnings and errors are printed; 1 adds information, 2 debug messages, 3 or more all
-    messages. Mitsuba writes its log to standard output. This function redirects standard output to a file in
-    ``folder``, and a thread prints the text that Mitsuba appends to this file.
+    If ``verbose`` is 0, only warnings and errors are printed; 1 adds information, 2 debug messages, 3 all messages.
+    Mitsuba writes its log to standard output, so this function redirects standard output to a file in ``folder``, which
+    a thread follows.
 
-    This function adds no appender to Mitsuba's logger, because an appender that is accessible from Python, even one of
-    Mitsuba's own classes, may cause a deadlock. An appender that is accessible from Python waits for Python's
-    interpreter lock, while its thread holds the lock of the logger and often the lock of the plugin manager. Another
-    thread that creates a plugin in Python holds the interpreter lock, and waits for the locks of the logger and of the
-    plugin manager, so a deadlock occurs.
+    An appender of Mitsuba's logger that is accessible from Python may cause a deadlock: it waits for Python's
+    interpreter lock, while its thread holds the locks of the logger and often of the plugin manager. Another thread
+    that creates a plugin in Python holds the interpreter lock, and waits for those locks.
     """
     level = mi.log_level()
     sys.stdout.flush()
@@ -54,10 +52,10 @@ def log(verbose: int, folder: Path) -> Iterator[None]:
 
 
 def _follow(file: BinaryIO, finished: threading.Event) -> None:
-    """Prints the lines that are appended to ``file``, until ``finished`` is set; prints equal warnings only once.
+    """Prints the complete lines that are appended to ``file``, until ``finished`` is set; prints equal warnings only
+    once.
 
-    Warnings are equal if only their times differ. Terminal colours and progress bars are left out. A line that is not
-    yet complete is printed only when it is complete or ``finished`` is set.
+    Times, terminal colours and progress bars do not count.
     """
     warnings, at_end, incomplete = set[str](), False, b""
     while not at_end:

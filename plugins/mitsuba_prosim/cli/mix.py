@@ -75,10 +75,8 @@ def factors_in_words(factors: Iterable[tuple[str, np.ndarray]]) -> str:
 
 
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:
-    """Tells whether the channel ``letter`` (R, G or B) of the image is the sum of this channel over all ``layers``.
-
-    ``planes`` maps the name of each channel to its values. A missing channel of the image counts as 0. Differences up
-    to :data:`ROUNDING` times the brightest value are allowed.
+    """Tells whether the channel ``letter`` of the image is its sum over all ``layers``, up to :data:`ROUNDING` times
+    the brightest value. A missing channel counts as 0.
     """
     image, total = planes.get(letter, np.zeros(1)), np.sum([planes[f"{name}.{letter}"] for name in layers], axis=0)
     return bool(np.abs(total - image).max() <= ROUNDING * max(np.abs(image).max(), 1e-3))

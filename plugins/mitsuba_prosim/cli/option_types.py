@@ -26,11 +26,7 @@ class InputError(click.ClickException):
 
 @contextmanager
 def input_errors() -> Iterator[None]:
-    """Converts an exception inside the ``with`` block, which reads and loads a scene, to an InputError.
-
-    Only SceneError, ImportError, RuntimeError, TypeError, ValueError, OSError and their subclasses are converted; other
-    exceptions, such as ClickException, stay as they are.
-    """
+    """Converts an exception inside the ``with`` block, which reads and loads a scene, to an InputError."""
     try:
         yield
     except prosim_scene.SceneError as error:
@@ -40,7 +36,9 @@ def input_errors() -> Iterator[None]:
 
 
 def require_extra(extra: str, what: str) -> None:
-    """Raises ClickException, with what to install for ``what``, if packages of the ``extra`` are missing."""
+    """Raises ClickException, which says how to install them, if packages of the ``extra``, which ``what`` needs, are
+    missing.
+    """
     if extras.missing(extra):
         raise click.ClickException(extras.needs(what, extra))
 
@@ -51,19 +49,15 @@ def require_extra(extra: str, what: str) -> None:
 class PatternType(click.ParamType):
     """The click type of an option whose text must match the regular expression ``pattern``.
 
-    The function ``make`` converts the groups of the match to the value of the option. If ``make`` raises a ValueError,
-    the user sees the message of this error. ``name`` and ``example`` appear in error messages, and show the form that
-    the text of the option must have.
+    ``make`` converts the groups of the match to the value; the user sees the message of its ValueError. ``name`` and
+    ``example`` show the form of the text in error messages.
     """
 
     def __init__(self, name: str, example: str, pattern: str, make: Callable[..., Any]) -> None:
         self.name, self.example, self.pattern, self.make = name, example, pattern, make
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Converts the text ``value`` of the option on the command line to the option's value.
-
-        Raises BadParameter if the text does not match :attr:`pattern`, or if :attr:`make` raises a ValueError.
-        """
+        """Returns the value of the option; raises BadParameter for a text that is not allowed."""
         match = re.fullmatch(self.pattern, value, re.DOTALL)
         if not match:
             self.fail(f"'{value}' is not of the form {self.name}, such as {self.example}", param, ctx)
@@ -85,7 +79,7 @@ class Number(click.FloatRange):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Converts the text ``value``; raises BadParameter if it is no finite number in the range."""
+        """Returns the number; raises BadParameter if the text is not a finite number in the range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"'{value}' is not a finite number.", param, ctx)
@@ -93,14 +87,12 @@ class Number(click.FloatRange):
 
 
 def _resolution(*size: str) -> tuple[int, ...]:
-    """Converts the texts of width and height to integers; raises ValueError for an image size that is not allowed."""
     width, height = map(int, size)
     overrides.check_size(width, height)
     return width, height
 
 
 def _frames(begin: str, end: str | None, step: str | None) -> range:
-    """Returns the range of frames; only ``begin`` if ``end`` is None. Raises ValueError if it has no frame."""
     frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
         raise ValueError("frame B is not rendered, so B must be greater than A")
@@ -108,10 +100,6 @@ def _frames(begin: str, end: str | None, step: str | None) -> range:
 
 
 def _snapshots(text: str) -> tuple[str, ...]:
-    """Splits ``text``, a list of errors such as 0.04 or of times such as 4s, at its commas; returns the parts as texts.
-
-    Raises ValueError for a list that has errors and times, and for a number that is not positive.
-    """
     snapshots = tuple(text.split(","))
     if len({snapshot.endswith("s") for snapshot in snapshots}) > 1:
         raise ValueError("give errors or times, not both")
@@ -121,7 +109,6 @@ def _snapshots(text: str) -> tuple[str, ...]:
 
 
 def _roots(text: str) -> tuple[int, ...]:
-    """Returns the different integers in ``text``, sorted; raises ValueError for fewer than two."""
     roots = sorted(set(map(int, text.split(","))))
     if len(roots) < 2:
         raise ValueError("give two different numbers or more")

@@ -25,7 +25,6 @@ class Progress(tqdm):
     """
 
     def __init__(self, doing: str, frames: int = 1) -> None:
-        """Starts the progress bar."""
         self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
         self.phase, self.finished = "", 0
         form = "{l_bar}{bar}| {elapsed}, {remaining} left"
@@ -34,9 +33,8 @@ class Progress(tqdm):
     def show(self, done: float, phase: str = "rendering") -> None:
         """Shows ``done``, the finished fraction of a phase or frame, in [0, 1].
 
-        ``phase`` is the name of the phase. Within a phase, the bar never moves back; a new phase begins with an empty
-        bar. The estimate of the remaining time ignores the progress that the first call for a phase reports, because an
-        earlier, interrupted render made this progress.
+        Within a phase, the bar never moves back; a new phase begins with an empty bar. The remaining time is estimated
+        without the progress of the first call, which an earlier, interrupted render made.
         """
         if phase != self.phase:
             if self.phase:
@@ -54,7 +52,7 @@ class Progress(tqdm):
         return shown | {"initial": shown["n"]} if early else shown
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Draws the bar on a terminal, else prints a line if enough time has passed since the last."""
+        """Draws the bar; without a terminal, prints a line if enough time has passed since the last line."""
         if self.on_terminal:
             return bool(super().display(msg, pos))
         shown = self.format_dict
@@ -65,7 +63,7 @@ class Progress(tqdm):
         return False
 
     def clear(self, *how: Any, **more: Any) -> None:
-        """Removes the bar from the terminal until the next :meth:`display`; without a terminal, does nothing."""
+        """Removes the bar from the terminal until the next :meth:`display`."""
         if self.on_terminal:
             super().clear(*how, **more)
 

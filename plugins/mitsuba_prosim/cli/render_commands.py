@@ -109,11 +109,8 @@ def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:
 
 
 def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
-    """Returns the job ``saved`` of a state file, with some fields replaced by those of the job ``requested``.
-
-    ``requested`` is the job of the current command line. The replaced fields are the exposure, if the command line sets
-    the exposure, and the fields that do not change the image, such as the output and the workers. ``changes`` are
-    values of fields; these values replace those of ``saved`` and ``requested``.
+    """Returns the job ``saved`` of a state file, with the fields of the job ``requested`` that do not change the image,
+    its exposure if it has one, and the ``changes``.
     """
     running = {name: getattr(requested, name) for name in RUNNING}
     exposure = saved.exposure if requested.exposure is None else requested.exposure
@@ -123,12 +120,10 @@ def continued_job(saved: Job, requested: Job, **changes: Any) -> Job:
 def checkpoint_and_job(
     state: Path, moved: Path | None, load: Callable[[Path], Checkpoint] = checkpoint.load
 ) -> tuple[Checkpoint, Job]:
-    """Reads the file ``state``, and returns its checkpoint and its job; sets the variant of the job.
+    """Reads the file ``state`` by ``load``; returns its checkpoint and its job, and sets the variant of the job.
 
-    The returned job has the path at which the scene file is now: ``moved``, the path in the stored job, or a file of
-    the same name in the folder of ``state``. ``moved`` is the new path of the scene file, if the user has moved the
-    file; else None. ``load`` reads the checkpoint. Raises InputError if the checkpoint cannot be read, if prosim render
-    did not write it, or if the scene file is missing.
+    The scene of the job is the file ``moved``, the stored path, or a file of the same name in the folder of ``state``.
+    Raises InputError if the checkpoint cannot be read, if prosim render did not write it, or if the scene is missing.
     """
     with input_errors():
         # The variant must be set before the arrays are read.

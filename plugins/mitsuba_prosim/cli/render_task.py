@@ -45,8 +45,7 @@ class RenderTask:
     """An image that is to be rendered and written to ``stem``, a path without suffix.
 
     ``begin`` is a checkpoint from which the render continues. ``facts`` are additional metadata for the EXR file of a
-    frame of an animation; ``facts`` is empty for a single image. If the render of a frame is interrupted, no image of
-    the frame is written.
+    frame of an animation, and empty for a single image. No image of an interrupted frame is written.
     """
 
     job: Job
@@ -72,17 +71,15 @@ class RenderTask:
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """What a checkpoint stores: the job, to continue it, and the digest of the scene, to identify it."""
+        """The attributes that a checkpoint stores: the job, and the digest that identifies the content of the scene."""
         image = self.job.image_fields() | {"scene": os.path.abspath(self.job.scene)}
         return {"job": image, "digest": self.file.digest()}
 
     def check(self) -> None:
-        """Checks that the scene can be loaded and suits the options, and that the output files can be written.
+        """Loads the scene, and checks that it suits the options, and that the output files can be written.
 
-        Raises the errors of loading the scene. Raises ValueError if the options do not suit the scene, or if the
-        checkpoint :attr:`begin` belongs to another scene. Raises InputError if the files of the image cannot be
-        written, or if the scene's integrator has a limit of noise or time in a scalar variant. Raises ClickException if
-        the job needs the denoiser and the denoiser is not installed.
+        Raises the errors of loading the scene, ValueError if the options or the checkpoint do not suit the scene,
+        InputError if the files cannot be written, and ClickException if the denoiser is not installed.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
@@ -104,14 +101,12 @@ class RenderTask:
 
     @property
     def state_suffix(self) -> str:
-        """The suffix of the file for the checkpoint or the part of an image; "" if the job writes no such file."""
+        """The suffix of the file for the checkpoint or the part of an image; "" without such a file."""
         return f".{self.job.part}.npz" if self.job.part else STATE_SUFFIX if self.job.checkpoint else ""
 
     def unfinished(self) -> Checkpoint | None:
-        """Returns the checkpoint that an earlier, interrupted render of the same image has written, or None.
-
-        The result is None, too, if this process cannot read the checkpoint or continue its render, or if the checkpoint
-        has another job or another scene.
+        """Returns the checkpoint that an earlier render of the same image has written; None if there is no such
+        checkpoint, or if it cannot be continued.
         """
         try:
             record = checkpoint.load(f"{self.stem}{STATE_SUFFIX}")
@@ -121,10 +116,10 @@ class RenderTask:
 
 
 class Resources(ExitStack):
-    """The resources that all images of a job share, such as Mitsuba's log, a temporary ``folder`` and the workers.
+    """The resources that all images of a job share: Mitsuba's log, a temporary ``folder``, and the workers, which start
+    with the first image.
 
-    The workers start when the first image that needs workers is rendered. ``signals`` is the list of the numbers of the
-    signals, such as SIGINT, that have arrived to end the job.
+    ``signals`` is the list of the numbers of the signals, such as SIGINT, that have arrived to end the job.
     """
 
     def __init__(self, job: Job) -> None:
@@ -133,7 +128,6 @@ class Resources(ExitStack):
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
-        """Creates the temporary folder, starts to show Mitsuba's log, and sets the number of threads."""
         self._handlers = self.enter_context(ExitStack())  # which is the last to be left
         self.folder = self.enter_context(atomic.scratch())
         self.enter_context(log(self.job.verbose, self.folder))
@@ -141,23 +135,20 @@ class Resources(ExitStack):
         return self
 
     def handle_signals(self) -> None:
-        """From this call on, the first signal ends the job, and is appended to ``signals``.
-
-        The process ends only when all resources are released; but a second signal ends the process at once.
+        """From this call on, the first signal ends the job when all resources are released; a second signal ends it at
+        once.
         """
         self._handlers.enter_context(interruptible(lambda: None, self.signals))
 
     @property
     def interruption(self) -> str | None:
-        """The reason why the job must end, as text (the cluster was lost, or a signal has arrived), or None."""
+        """Why the job must end, in words: the cluster was lost, or a signal has arrived; else None."""
         return (self.dask and self.dask.loss_reason) or ("interrupted" if self.signals else None)
 
     def executor(self, file: scene_file.SceneFile) -> DaskExecutor | None:
         """Returns the executor that renders the scene ``file`` on workers; None if this process renders the image.
 
-        The first call starts the workers, or connects to the cluster; later calls send the new scene to the same
-        workers. Raises InputError if the scene cannot be sent to workers, and ClickException if no workers can be
-        started or reached, or if Dask is not installed.
+        Raises InputError if the scene cannot be sent to workers, and ClickException if there are no workers or no Dask.
         """
         job, option = self.job, self.job.distributed
         if option is None:
@@ -196,12 +187,12 @@ class Outcome(NamedTuple):
 
 
 def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outcome:
-    """Renders the image of ``task``, and writes the files of the image and the checkpoint.
+    """Renders the image of ``task``, and writes its files; for a part of an image, and for an interrupted frame, only
+    the checkpoint.
 
-    For a part of an image, and for an interrupted frame of an animation, only the checkpoint is written. Raises
-    InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. If the
-    progressive render of a single image is interrupted before its first sample, the process exits with the code 128
-    plus the number of the signal, or with the code 1 if the cluster was lost.
+    Raises InputError if the input is wrong (in this case, no file has been written), and other ClickExceptions. If a
+    single image is interrupted before its first sample, the process exits with 128 plus the number of the signal, or
+    with 1.
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
@@ -231,12 +222,10 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
 def run_steps(
     task: RenderTask, bar: Progress, resources: Resources, consumers: Sequence[Callable[[Any], None]]
 ) -> tuple[Any, FinalImage | None, float]:
-    """Renders the image of ``task``; returns the render, which may have been interrupted, its final image (None without
-    denoising), and the elapsed seconds.
+    """Renders the image of ``task``; returns the render, its final image (None without denoising), and the seconds.
 
-    A signal or the loss of the cluster interrupts the render. After each step of the render whose progress is above 0,
-    each of the ``consumers``, such as the writer of checkpoints, is called with the render as its argument. Raises
-    InputError and other ClickExceptions.
+    A signal or the loss of the cluster interrupts the render. After each step, each of the ``consumers``, such as the
+    writer of checkpoints, is called with the render. Raises InputError and other ClickExceptions.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     what = task.scene, task.sensor, task.integrator, job.seed, job.spp or 0
@@ -263,11 +252,8 @@ def run_steps(
 
 
 def written_line(task: RenderTask, written: Sequence[Path], seconds: float, interruption: str | None) -> str:
-    """Returns the first line of the report of a render.
-
-    The first line names the ``written`` files, the size of the image, the variant and the seconds. If there are any, it
-    also names the part of the image, the integrator that an option has put inside ``prosim_adaptive``, and the cause of
-    an interruption.
+    """Returns the first line of the report: the ``written`` files, the part, the size, the variant, the seconds, what
+    became of the integrator, and the interruption.
     """
     job, (width, height) = task.job, task.sensor.film().crop_size()
     return (
@@ -280,12 +266,10 @@ def written_line(task: RenderTask, written: Sequence[Path], seconds: float, inte
 
 
 def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> None:
-    """Renders the image of a job, or only the part ``job.part`` of the image; writes the files, and prints a report.
+    """Renders the image of a job, or a part of it, writes the files, and prints a report.
 
-    ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Warns
-    if nothing is visible in the image. Raises InputError if the input is wrong (in this case, no file has been
-    written), and other ClickExceptions. After an interruption, the process exits with the code 1; after an interruption
-    before the first sample, :func:`render_image` exits with its own code.
+    ``stem`` is the path of the files without suffix. ``begin`` is a checkpoint from which the render continues. Raises
+    the errors of :func:`render_image`. After an interruption, the process exits with the code 1.
     """
     with Resources(job) as resources:
         with input_errors():
@@ -305,20 +289,15 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
 class Snapshots:
     """Writes snapshots, which are intermediate images, during the render of a task.
 
-    ``NAME`` is the path of the task's image without suffix. The snapshot ``0.04`` is written to ``NAME.0.04.exr`` when
-    the RMS error is so low that the option ``--noise 0.04`` would end the render. The snapshot ``4s`` is written to
-    ``NAME.4s.exr`` after 4 seconds. The metadata of a snapshot contain its actual error, number of samples and time.
+    The snapshot ``0.04`` is written to ``NAME.0.04.exr`` when the option ``--noise 0.04`` would end the render, and the
+    snapshot ``4s`` to ``NAME.4s.exr`` after 4 seconds.
     """
 
     def __init__(self, task: RenderTask) -> None:
-        """The attribute ``left`` has the snapshots that are not yet written, as texts such as "0.04" or "4s"."""
         self.task, self.left = task, sorted(task.job.snapshots or ())
 
     def __call__(self, render: Any) -> None:
-        """Writes the snapshots whose error or time ``render`` has reached, each snapshot once.
-
-        Writes nothing while any pixel has no sample, or if the render is not progressive.
-        """
+        """Writes the snapshots that are due, once each, if the render is progressive and each pixel has a sample."""
         reached, task = render.reached if self.left else None, self.task
         if reached is None or not reached.min_samples:
             return
@@ -341,12 +320,10 @@ class Snapshots:
 def finished_image(
     task: RenderTask, render: Any, final: FinalImage | None, seconds: float, interrupted: bool
 ) -> tuple[dict[str, atomic.Content], list[str | None], str | None]:
-    """Returns the image files, lines of the report, and the reason for a black image, after the end of a ``render``.
+    """Returns the image files (suffix -> content), lines of the report (or None), and why the image is black, or None.
 
-    The image is denoised if there is a ``final`` image, unless the render was interrupted before its second
-    half. The first result is a dictionary from the suffix of each image file to the content of the file. The lines may
-    contain None. The last result is None if something is visible in the image, or if the film stores no colours. For a
-    part of an image, and for an interrupted frame of an animation, there are no image files and no lines.
+    The image is that of ``final``, the denoiser, unless the render was interrupted before its second half. A part of an
+    image and an interrupted frame have no files and no lines.
     """
     if task.job.part or (task.facts and interrupted):  # only a frame has ``facts``
         return {}, [], None
@@ -368,10 +345,8 @@ def finished_image(
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
-    """Raises ClickException if the denoiser is not installed.
-
-    Raises ValueError if ``film`` stores no colours, or if the ``integrator`` already denoises; None stands for an
-    integrator that does not denoise.
+    """Raises ClickException if the denoiser is not installed, and ValueError if ``film`` stores no colours, or if the
+    ``integrator`` already denoises.
     """
     require_extra("denoise", "--denoise")
     from ..denoising.halves import check

@@ -22,10 +22,8 @@ def metadata(
 ) -> dict[str, str]:
     """Returns the metadata of an EXR image.
 
-    For a render that is not progressive, ``reached`` is None, and the following entries do not exist. The entry
-    ``prosim.samples`` is the mean number of samples per pixel. The entries ``prosim.noise``, ``prosim.noise_99``,
-    ``prosim.noise_999`` and ``prosim.noise_at_most`` exist if the render measured these errors. The entry
-    ``prosim.ended`` is ``ended``, the result of :func:`.end_cause`; if this result is None, the entry does not exist.
+    ``reached`` is None if the render is not progressive; otherwise, there are entries for the mean number of samples
+    per pixel and the measured errors. ``ended`` is the result of :func:`.end_cause`.
     """
     result = {
         "scene": job.scene,
@@ -46,7 +44,9 @@ def metadata(
 def summary(
     render: Any, final: FinalImage | None, interrupted: bool, integrator: Any = None, file: Any = None
 ) -> str | None:
-    """Returns a line with the verdict, the samples and the seconds; None without a target and a ``final`` image."""
+    """Returns a line with the verdict, the samples and the seconds of a render, for the arguments of :func:`.verdict`;
+    None for a render with neither a target nor a ``final`` image of a denoiser.
+    """
     reached = render.reached if end_cause(render) else None
     if reached is None:
         return None if final is None else denoised_words(final, interrupted)

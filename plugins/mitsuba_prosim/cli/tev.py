@@ -26,7 +26,7 @@ CHANNELS = ["R", "G", "B"]
 class TevClient(ExitStack):
     """Shows the image on ``film`` in the viewer tev, if the job has the option ``--view``.
 
-    The constructor raises ClickException if tev does not run, or if the package tevclient is missing.
+    The constructor raises ClickException if tev cannot be reached, or if the package tevclient is missing.
     """
 
     def __init__(self, job: Job, film: mi.Film) -> None:
@@ -37,10 +37,6 @@ class TevClient(ExitStack):
             self._connect(*job.view)
 
     def _connect(self, host: str, port: int) -> None:
-        """Connects to the viewer tev, with a timeout, and creates an empty image in tev for the film.
-
-        Raises ClickException if tev cannot be reached, or if the package tevclient is missing.
-        """
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
@@ -60,14 +56,16 @@ class TevClient(ExitStack):
             socket.setdefaulttimeout(timeout)
 
     def update(self, render: Any) -> None:
-        """Shows the image in tev if enough time has passed since the last; nothing without ``--view``."""
+        """Shows the current image of ``render`` in tev, if enough time has passed since the last image."""
         if self._tev is not None and self._throttle.due:
             with self._throttle.drawing():
                 render.update_film()
                 self.show()
 
     def show(self) -> None:
-        """Sends the image on the film to tev; if tev has ended, warns once, and sends nothing later."""
+        """Sends the image on the film to tev, if it has colours. If tev has ended, warns once, and later calls do
+        nothing.
+        """
         colours = None if self._tev is None else images.colours(self._film.bitmap())
         if colours is None:
             return

@@ -61,11 +61,6 @@ def watch(job: Job, port: int, browser: bool) -> None:
         view = viewer.Viewer(Path(job.scene), open_scene, job.spp or 0, job.seed, job.denoise)
 
         def encode(exposure: float, factors: Any) -> dict[str, bytes]:
-            """Returns suffix -> content of the image files; the layers of the image are multiplied by ``factors``.
-
-            ``factors`` are pairs of a layer's name, such as "lights.lamp1", and a factor; without factors, the layers
-            stay unchanged.
-            """
             state, bitmap, image, reached = view.result(factors)
             ended = end_cause(image.render, state.status != "done")
             facts = metadata(job, image.integrator, reached, ended, state.seconds)
@@ -82,5 +77,5 @@ def watch(job: Job, port: int, browser: bool) -> None:
 
 
 def has_windows() -> bool:
-    """Tells whether a browser opens in a window of its own, not as text in the terminal."""
+    """Tells whether a browser opens in its own window, not as a text browser in the terminal."""
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))

@@ -28,9 +28,8 @@ COLOUR_MAPS = {"error": "magma", "flip": "magma", "counts": "viridis"}
 class Effort:
     """How much work a comparison does.
 
-    ``sqrt_spp`` are the square roots of the numbers of samples per pixel at which the error curves are measured.
-    ``rounds`` is the number of measured renders of each method. ``seconds`` is the rendering time of each reference
-    image. ``denoise`` tells whether the denoised images of the methods are also compared.
+    ``sqrt_spp`` are the square roots of the samples per pixel of the error curves, ``rounds`` the number of measured
+    renders of each method, and ``seconds`` the time for each reference. ``denoise``: denoised images are compared, too.
     """
 
     sqrt_spp: tuple[int, ...]
@@ -43,7 +42,6 @@ class Comparison:
     """Compares the methods ``a`` and ``b`` on a scene called ``name``. ``exposure`` is in stops."""
 
     def __init__(self, scene: ComparedScene, name: str, a: Spec, b: Spec, effort: Effort, exposure: float) -> None:
-        """Prepares the comparison; ``effort`` tells how many images are rendered, and how long."""
         self.scene, self.a, self.b, self.effort, self.scale = scene, a, b, effort, 2.0**exposure
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
@@ -57,13 +55,11 @@ class Comparison:
         self.images: dict[str, np.ndarray] = {}
 
     def run(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference images and the images of both methods, and stores the results in :attr:`facts` and
-        :attr:`images`.
+        """Renders all images, and stores the results in :attr:`facts` and :attr:`images`; yields the name of the
+        current phase, and its progress, 0 to 1.
 
-        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1. The first section of
-        the results compares the methods on light paths that both methods can simulate; if neither method is ``prosim``,
-        each method simulates its own light paths. If only one of the methods is ``prosim``, a second section measures
-        this method on the light paths that the scene file selects.
+        The first section of the results compares the methods on light paths that both simulate. If only one of them is
+        ``prosim``, a second section measures it on the light paths that the scene file selects.
         """
         a, b = self.a, self.b
         transport = b.transport or a.transport or "scene"
@@ -86,29 +82,20 @@ class Comparison:
 class Section:
     """One section of a comparison, which measures the methods on the light paths ``transport`` (see :data:`LIGHT`).
 
-    ``specs`` are the specifications of the method "a" and, if the section compares two methods, of the method "b".
-    ``rows`` are the runs whose results become the rows of the table: role -> runs. ``curves`` are the runs whose
-    results become the points of the error curves: role -> level -> runs. All images are multiplied by ``scale`` (the
-    exposure).
-
-    The roles of rows are "a", "b", "b at equal samples" and "b at equal time", and the same roles followed by
-    "denoised". The roles of curves are "a" and "b". The level of a point on an error curve is the square root of the
-    number of samples per pixel.
+    ``specs`` has the method "a" and perhaps "b". ``rows`` maps the role of a row of the table ("a", "b", "b at equal
+    samples", "b at equal time", perhaps followed by "denoised") to its runs; ``curves`` maps "a" and "b" to the runs of
+    the error curve, by the square root of the samples per pixel. All images are multiplied by ``scale``, the exposure.
     """
 
     def __init__(
         self, scene: ComparedScene, transport: str, specs: dict[str, Spec], effort: Effort, scale: float
     ) -> None:
-        """Prepares the reference image; :meth:`prepare` renders it."""
         self.scene, self.transport, self.specs, self.effort, self.scale = scene, transport, specs, effort, scale
         self.reference = Reference([reference_estimator(scene, spec, transport) for spec in specs.values()])
 
     def prepare(self) -> Iterator[tuple[str, float]]:
-        """Renders the reference image, and prepares the runs in ``rows`` and ``curves``.
-
-        Yields the name of the current phase of the work, and the progress of this phase, 0 to 1. A method b that is
-        ``prosim`` has one row; any other method b has two rows, with the same number of samples as method a and with
-        about the same time.
+        """Renders the reference image, and prepares the runs; yields the name of the current phase, and its progress, 0
+        to 1.
         """
         scene, transport, effort = self.scene, self.transport, self.effort
         for progress in self.reference.converge(effort.seconds):
@@ -133,15 +120,12 @@ class Section:
         }
 
     def runs(self) -> list[Runs]:
-        """Returns all runs of this section: those of the rows of the table, then those of the error curves."""
+        """Returns all runs of this section: those of the rows, and then those of the error curves."""
         return [*self.rows.values(), *(point for curve in self.curves.values() for point in curve.values())]
 
     def facts(self) -> dict[str, Any]:
-        """Returns the results of this section as a dictionary that can be written as JSON.
-
-        The dictionary has the rows of the table, the error curves with their log-log slopes, and facts about the
-        reference. If the section has two curves, ``equal_error`` is the cost that method b needs to reach the error of
-        method a, divided by the cost of method a, for two error measures and two costs (see :func:`equal_error`).
+        """Returns the results of this section, as JSON has them: rows, curves with their log-log slopes, and the
+        reference. With two curves, ``equal_error`` is the cost of b at the error of a, see :func:`equal_error`.
         """
         rows = [{"role": role, "name": run.method.name} | run.facts() for role, run in self.rows.items()]
         curves: list[dict[str, Any]] = []
@@ -162,7 +146,7 @@ class Section:
         return result
 
     def images(self) -> dict[str, np.ndarray]:
-        """Returns name -> array: the reference, and each row's image, error maps and sample counts."""
+        """Returns the reference, and the image, the error maps and the sample counts of each row: name -> array."""
         images = {"reference": self.image}
         for role, run in self.rows.items():
             images |= {
@@ -175,21 +159,16 @@ class Section:
 
 
 def median(facts: Mapping[str, Any], name: str) -> float:
-    """Returns the median over all rounds of the measure ``name``, from the results ``facts`` of a row or of a point on
-    a curve (see :meth:`.Runs.facts`). If ``name`` is "samples", returns the mean number of samples per pixel.
-
-    The result is at least 1e-7, so that its logarithm exists.
+    """Returns the median of the measure ``name`` from ``facts`` (see :meth:`.Runs.facts`), or the number of "samples"
+    per pixel, at least 1e-7, so that its logarithm exists.
     """
     value = facts[name]
     return max(float(value if name == "samples" else value["median"]), 1e-7)
 
 
 def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method:
-    """Returns the method of ``spec`` with ``n``² samples per pixel; for ``prosim``, ``n`` becomes the parameter
-    ``samples``.
-
-    For ``prosim``, the threshold of adaptive sampling becomes smaller in proportion to 1/``n``, and the error target
-    and the time limit are switched off.
+    """Returns the method of ``spec`` with ``n``² samples per pixel. For ``prosim``, ``n`` becomes the parameter
+    ``samples``, the threshold is proportional to 1/``n``, and there are no targets.
     """
     if not spec.is_adaptive:
         return scene.method(spec, transport, spp=n * n)
@@ -200,25 +179,19 @@ def at_level(scene: ComparedScene, spec: Spec, transport: str, n: int) -> Method
 
 
 def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method of ``spec`` with 64 samples in every pixel, whose images' mean is the reference."""
+    """Returns the method of ``spec`` with 64 samples in every pixel; the mean of its images is the reference."""
     if spec.is_adaptive:
         return scene.method(spec.with_parameters(adaptive="none", samples=8, **UNTARGETED), transport)
     return scene.method(spec, transport, spp=64)
 
 
 def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
-    """Returns two variants of the method ``b``: one with the same number of samples as ``a``, and one with about the
-    same rendering time as ``a``.
-
-    ``b`` must not be adaptive. The function renders ``a`` and ``b`` several times to measure their processor times. The
-    variant with equal time has the processor time of ``a`` within about 10 %, if one of the first four tried sample
-    counts achieves this. If none of the first four tried sample counts gives equal times, the fifth sample count is
-    used without a check.
+    """Returns the method ``b``, which is not adaptive, with as many samples as ``a``, and with about the same rendering
+    time, within about 10 % if one of the first four tried sample counts achieves this.
     """
     samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
     def processor_seconds(method: Method) -> float:
-        """Returns the median processor time of three renders by ``method``, in seconds per thread."""
         method.render(0)  # compiles the kernels
         return float(np.median([method.render(0)[3] for _ in range(3)]))
 
@@ -234,12 +207,11 @@ def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str)
 
 
 def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict[str, Any]) -> dict[str, Any]:
-    """Returns ``{"ratio": ..., "reached": ...}``. The ratio is the cost at which the error curve ``points`` has the
-    same error as ``row``, divided by the cost of ``row``; ``reached`` tells whether the curve reaches this error.
+    """Returns the cost ("samples" or "cpu") at which the error curve ``points`` has the error of ``row`` by
+    ``measure``, divided by the cost of ``row``; and whether the curve reaches this error.
 
-    If all errors of the curve are above the error of ``row``, the result ``reached`` is False and the highest cost of
-    the curve is used. If already the cheapest point of the curve has a smaller error than ``row``, the cost of this
-    point is used. ``cost`` is "samples" or "cpu", and ``measure`` is the name of an error measure.
+    Otherwise the highest cost of the curve is used; or that of its cheapest point if already this one has a smaller
+    error.
     """
     costs = [median(point, cost) for point in points]
     *errors, error = (median(facts, measure) for facts in (*points, row))
@@ -249,12 +221,8 @@ def equal_error(points: list[dict[str, Any]], cost: str, measure: str, row: dict
 
 
 def scales(images: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Returns, for each kind of map (errors, ꟻLIP and sample counts), the value at the upper end of the colour scale,
-    which all maps of this kind share.
-
-    For sample counts, the colour scale ends at the maximum. For errors, the colour scale ends at the 99.5th percentile,
-    so that a few pixels with very large errors do not make the rest of the map dark. If all values are 0, the colour
-    scale ends at 1.
+    """Returns the value at the upper end of the colour scale that all maps of a kind share: the maximum of sample
+    counts, and the 99.5th percentile of errors, so that a few pixels do not make the rest dark; 1 if all values are 0.
     """
     result = {}
     for kind in COLOUR_MAPS:

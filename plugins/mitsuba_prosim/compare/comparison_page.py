@@ -1,6 +1,4 @@
-"""Makes the page with the results of ``prosim compare``, one HTML file that needs no other files, and a JSON file with
-the same numbers.
-"""
+"""Makes the page with the results of ``prosim compare``, one HTML file that needs no other files, and a JSON file."""
 
 import base64
 import io
@@ -32,7 +30,7 @@ COLOURS = {"a": "#c2410c", "b": "#1d4ed8"}
 
 
 def html(facts: Facts, images: Mapping[str, np.ndarray]) -> str:
-    """Returns the page; each number is a ``<data value=...>`` with the full precision of ``facts``."""
+    """Returns the HTML text of the page, whose numbers are elements ``<data value=...>`` with the full precision."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -52,10 +50,7 @@ def described(role: str) -> str:
 
 
 def number(value: float | None, form: str = ".3g") -> str:
-    """Returns a number as an HTML element ``<data>`` with the exact number as its value; "–" for None.
-
-    The page shows the number in the Python format ``form``, but always without an exponent.
-    """
+    """Returns a number in the Python format ``form``, without an exponent, as an element ``<data>``; "–" for None."""
     import markupsafe
 
     if value is None:
@@ -72,9 +67,7 @@ def data_uri(file: io.BytesIO, kind: str) -> str:
 
 
 def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Returns each image as the data URI of a PNG file: name -> URI. All maps of the same kind, such as all error maps,
-    have the same colour scale. Images that are not maps are shown in sRGB.
-    """
+    """Returns the data URI of each image as a PNG file: maps with the colour scale of their kind, others in sRGB."""
     from matplotlib.image import imsave
 
     result = {}
@@ -91,7 +84,9 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
 
 def chart(section: Facts) -> str:
-    """Returns the data URI of an SVG image: curves of error against cost; diamonds are rows of the table."""
+    """Returns the curves of error against cost of a section, with diamonds for the rows, as the data URI of an SVG
+    image.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 6.6), layout="constrained")
@@ -116,5 +111,5 @@ def chart(section: Facts) -> str:
 
 
 def json_text(facts: Facts) -> str:
-    """Returns the results ``facts`` of a comparison as JSON text, with the full precision of each number."""
+    """Returns the results as JSON text, with the full precision of each number."""
     return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"

@@ -20,10 +20,8 @@ def rmse(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Error of each pixel after tone mapping, shape (height, width): the root mean square of the errors of the three
-    channels.
-
-    The tone curve is the square root of the linear value; values above white (1) are not clipped.
+    """Root mean square error of the channels of each pixel after a square root, shape (height, width), without
+    clipping.
     """
     difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
     return np.sqrt(np.mean(np.square(difference), axis=2))
@@ -40,26 +38,20 @@ def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean of the squared error / (squared reference + 0.01), over pixels and channels (Rousselle et al. 2011)."""
+    """Mean of the squared error divided by (the squared reference value plus 0.01). Source: Rousselle et al. (2011)."""
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 
 def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity (SSIM) of the displayed image and the displayed reference; 1 for equal images. Source: Wang
-    et al. (2004).
-
-    The image and the reference must have at least 7 x 7 pixels.
-    """
+    """Structural similarity (SSIM) of the displayed images, of at least 7 x 7 pixels. Source: Wang et al. (2004)."""
     from skimage.metrics import structural_similarity
 
     return float(structural_similarity(display(reference), display(image), channel_axis=2, data_range=1.0))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """The error measure ꟻLIP of each pixel, 0 to 1: the difference that a viewer sees between the displayed image and
-    the displayed reference, at 67 pixels per degree of the visual angle.
-
-    Source: Andersson et al. (2020).
+    """The error measure ꟻLIP of each pixel, 0 to 1: the difference that a viewer sees between the displayed images, at
+    67 pixels per degree of the visual angle. Source: Andersson et al. (2020).
     """
     import flip_evaluator
 
@@ -77,20 +69,13 @@ ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_ms
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
-    """Slope of an error curve in a log-log plot (error against cost), by a least-squares fit.
-
-    The slope of the RMS error against the number of samples is -0.5 for independent samples, and -1 for ideally
-    stratified samples.
-    """
+    """Slope of an error curve in a log-log plot: -0.5 for independent samples, and -1 for ideally stratified ones."""
     return float(np.polyfit(np.log(costs), np.log(errors), 1)[0])
 
 
 def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
-    """Cost at which an error curve, given by ``costs`` and ``errors``, reaches the value ``error``, by linear
-    interpolation of the logarithms.
-
-    The result is None if all errors of the curve are above ``error``, or if already the error at the lowest cost is
-    below ``error``.
+    """Cost at which an error curve reaches the value ``error``, by linear interpolation of the logarithms; None if all
+    errors are above it, or if already the error at the lowest cost is below it.
     """
     order = np.argsort(costs)
     x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])

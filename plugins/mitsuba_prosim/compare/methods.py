@@ -1,6 +1,4 @@
-"""Prepares the methods that are compared. A method is an integrator with its parameters and a sampler, which render one
-scene.
-"""
+"""Prepares the compared methods: integrators with parameters and samplers, which render one scene."""
 
 from __future__ import annotations
 
@@ -27,14 +25,11 @@ TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"m
 
 
 class Spec:
-    """A parsed method: integrator, sampler and parameters, such as ``path:multijitter,max_depth=5``."""
+    """The parsed specification of a method, such as ``path:multijitter,max_depth=5``."""
 
     def __init__(self, text: str, **changes: Any) -> None:
-        """Parses the specification ``text``. The value of a parameter is a Python literal, ``true`` or ``false``; any
-        other value is read as a string.
-
-        ``changes`` are parameters that replace the parameters of the same names in ``text``. Raises ValueError if
-        ``text`` does not have the form :data:`FORM`.
+        """Parses ``text``, whose values are Python literals, ``true``, ``false`` or other texts; ``changes`` replace
+        its parameters. Raises ValueError if ``text`` does not have the form :data:`FORM`.
         """
         head, *parameters = text.split(",")
         self.text = text
@@ -58,30 +53,29 @@ class Spec:
         return Spec(self.text, **self.parameters | changes)
 
     def until(self, noise: float) -> Spec:
-        """Returns a copy of this specification with the error target ``noise``; an unchanged copy if the integrator is
-        not adaptive.
-
-        In the copy, the parameter ``adaptive`` (the sampling policy) is ``graded``, unless this specification already
-        has a value of the parameter.
+        """Returns a copy with the error target ``noise``, and the policy ``graded`` unless there is one; unchanged if
+        the integrator is not adaptive.
         """
         changes = {"adaptive": self.parameters.get("adaptive", "graded"), "noise": noise} if self.is_adaptive else {}
         return self.with_parameters(**changes)
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether the integrator is ``prosim``, whose parameters, not the sampler, give the number of samples."""
+        """Whether the integrator is ``prosim``, whose parameters, not the sampler, determine the number of samples."""
         return self.integrator == "prosim"
 
     @property
     def transport(self) -> str | None:
-        """Which light paths the integrator simulates: "paths" (all), "direct", or None for any (``prosim``)."""
+        """The light paths that the integrator simulates: "paths" (all) or "direct"; None for ``prosim``, which can
+        select them.
+        """
         return {"prosim": None, "direct": "direct"}.get(self.integrator, "paths")
 
 
 @dataclass(eq=False)
 class Method:
-    """A method of a comparison: an integrator that renders a scene, seen by a sensor with a sampler. ``spp`` is the
-    number of samples per pixel; 0 means the number in the integrator's parameters.
+    """A method of a comparison, which renders a scene. ``spp`` is the number of samples per pixel; 0 means that of the
+    integrator's parameters.
     """
 
     name: str
@@ -93,7 +87,9 @@ class Method:
     denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Returns an image, its sample counts, the elapsed seconds, and the processor seconds per thread."""
+        """Renders an image; returns it (height, width, 3), the sample counts (height, width), the elapsed seconds, and
+        the processor seconds per thread.
+        """
         start, start_cpu = time.perf_counter(), time.process_time()
         spp = self.spp and rendering.samples_taken(self.integrator, self.sensor, self.spp, 1 + self.denoised)
         what = self.scene, self.sensor, self.integrator, seed, spp
@@ -109,7 +105,6 @@ class ComparedScene:
     """A scene that different methods render, so that the methods can be compared."""
 
     def __init__(self, file: scene_file.SceneFile) -> None:
-        """Loads the scene of ``file``. Raises the errors of loading plugins."""
         self.file, self.scene = file, file.load()
         self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
         textures = {name: getattr(self.scene.integrator(), name, None) for name in ("ambient", "background")}
@@ -121,7 +116,7 @@ class ComparedScene:
         self.settings = {name: value for name, value in props.items() if isinstance(value, (bool, int, float, str))}
 
     def sensor(self, sampler: str | None = None) -> mi.Sensor:
-        """Returns the scene's first sensor, with the plugin ``sampler`` or, if None, the scene's sampler."""
+        """Returns the first sensor of the scene, with the sampler plugin ``sampler``, or that of the scene file."""
         if sampler not in self._sensors:
             self._sensors[sampler] = self.file.load(sampler).sensors()[0]
             gc.collect()  # deletes the loaded scene, because Dr.Jit traces the BSDFs of all existing scenes
@@ -129,7 +124,7 @@ class ComparedScene:
 
     @cached_property
     def lit(self) -> mi.Scene:
-        """The scene with the background of ``prosim`` as an emitter, because other integrators have none."""
+        """The scene with the background of ``prosim`` as an emitter, because other integrators have no background."""
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 
@@ -137,13 +132,9 @@ class ComparedScene:
         """Returns the :class:`Method` of a specification.
 
         For ``prosim``, ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or
-        "direct" (direct light only); any other integrator simulates its own light paths (:attr:`Spec.transport`).
-        Unless ``transport`` is "scene", the scene's background is an emitter (:attr:`lit`). If the specification names
-        the integrator of the scene file, the parameters in the scene file apply, too, but the parameters of the
-        specification take precedence.
-
-        ``spp`` is the number of samples per pixel. If ``spp`` is 0, the parameters of ``prosim`` determine the number
-        of samples; any other integrator takes the sampler's number.
+        "direct". Unless it is "scene", the scene's background is an emitter (:attr:`lit`). The parameters of the
+        scene's integrator apply, too, if the specification names it and does not replace them. ``spp`` is the number of
+        samples per pixel; 0 means that of the parameters or of the sampler.
         """
         settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:

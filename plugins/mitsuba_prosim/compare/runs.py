@@ -24,10 +24,9 @@ REFERENCE_SEEDS = 1 << 20
 class Runs:
     """The runs of one method.
 
-    ``values`` are the results of all rounds: name -> list. The names in ``values`` are "seconds" (elapsed time), "cpu"
-    (processor time) and the names of the error measures, which compare the image with ``reference``. ``image`` is the
-    latest image of the method, multiplied by ``scale`` (the exposure). ``counts`` is the number of samples of each
-    pixel of the latest image.
+    ``values`` are the results of all rounds: "seconds" (elapsed), "cpu" (processor time) and the error measures against
+    ``reference`` -> list. ``image`` is the latest image, multiplied by ``scale`` (the exposure), and ``counts`` its
+    number of samples per pixel.
     """
 
     method: Method
@@ -38,11 +37,8 @@ class Runs:
     counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def measure(self, number: int) -> None:
-        """Renders an image with the seed ``number``, and stores the rendering time and the errors of the image in
-        ``values``.
-
-        ``number`` is the number of the round. Round 0 only compiles the kernels; the time and the errors of round 0 are
-        not stored.
+        """Renders an image with the seed ``number``, the round, and stores its time and errors; round 0 only compiles
+        the kernels.
         """
         image, self.counts, seconds, cpu = self.method.render(number)
         self.image = image * self.scale
@@ -52,7 +48,9 @@ class Runs:
                 self.values.setdefault(name, []).append(value)
 
     def facts(self) -> dict[str, Any]:
-        """Returns the samples a pixel, and the median, least and greatest time and error of all rounds."""
+        """Returns the mean number of samples per pixel, and the median, the minimum and the maximum of each of
+        ``values``.
+        """
         return {"samples": float(np.mean(self.counts))} | {
             name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
             for name, values in self.values.items()
@@ -60,10 +58,9 @@ class Runs:
 
 
 def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
-    """Calls :meth:`Runs.measure` of each of ``runs`` once for warming up, and then once in each round; yields the
-    progress, 0 to 1.
+    """Measures each of ``runs`` in each round, after one for warming up; yields the progress, 0 to 1.
 
-    The methods render in turn, so that other load of the machine affects the measured times of all methods equally.
+    The methods render in turn, so that other load of the machine affects all of them equally.
     """
     for number in range(rounds + 1):
         for k, run in enumerate(runs):
@@ -72,11 +69,8 @@ def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
 
 
 class Reference:
-    """A converged reference image; the attributes of this object are complete after :meth:`converge`.
-
-    The ``estimators`` are methods whose images have the same expected value; each of these methods renders many images.
-    The reference image is the weighted mean of the methods' mean images; each weight is proportional to the inverse of
-    the mean image's variance.
+    """A converged reference image: the mean of many images by each of the ``estimators``, methods with the same
+    expected value, weighted by the inverse of its variance.
     """
 
     def __init__(self, estimators: Sequence[Method]) -> None:
@@ -85,7 +79,9 @@ class Reference:
         self.seconds, self.passes = 0.0, 0
 
     def converge(self, seconds: float) -> Iterator[float]:
-        """Renders with each estimator in turn for ``seconds``, three images each at least; yields the progress."""
+        """Renders images with each estimator in turn for ``seconds`` seconds, at least three, and computes the
+        reference image and its error; yields the progress, 0 to 1.
+        """
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
             images = [estimator.render(REFERENCE_SEEDS + self.passes)[0] for estimator in self._estimators]
@@ -109,7 +105,7 @@ class Reference:
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Returns a description of this machine: its software, its processor, its number of cores and its current load."""
+    """Returns the software, the processor, the number of cores and the load of this machine."""
     return environment.this_environment() | {
         "cores": os.cpu_count(),
         "threads": dr.thread_count(),

@@ -16,10 +16,12 @@ from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
 
 class LoadedScene:
-    """The scene of ``file``, seen by its ``sensor``; raises the errors of loading plugins."""
+    """A loaded scene, seen by the sensor with the index ``sensor``.
+
+    Raises the errors of loading plugins, and those of :func:`.pick_sensor`.
+    """
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
-        """Loads the scene; raises the errors of loading plugins, and those of :func:`.pick_sensor`."""
         self.file, self.scene = file, file.load()
         self.sensor = pick_sensor(self.scene, sensor)
         film = self.sensor.film()
@@ -31,11 +33,7 @@ class LoadedScene:
     # ---------------------------------------------------------------- the camera
 
     def _home(self) -> Camera | None:
-        """Returns the camera that the scene file describes; None if the live view cannot move a sensor of this type.
-        The live view can move Mitsuba's ``perspective`` and the sensor ``prosim_window``.
-
-        This method also stores the distances of the sensor's near and far clipping planes.
-        """
+        """Returns the camera that the scene file describes; None for a sensor that cannot be moved."""
         sensor: Any = self.sensor
         is_window = isinstance(self.sensor, registry.PLUGINS["prosim_window"])
         across: tuple[float, float]
@@ -53,12 +51,8 @@ class LoadedScene:
         return Camera(matrix, self._pivot_distance(matrix), nearest_axis(matrix[:3, 1]), across)
 
     def _pivot_distance(self, matrix: np.ndarray) -> float:
-        """Returns the distance from the eye to the pivot, about which the camera rotates.
-
-        For a scene in the thesis's scene language, the pivot is in the view plane. For an XML scene, the pivot has the
-        same depth as the centre of the scene's bounding box. If the pivot would not be in front of the eye, or the
-        bounding box is empty, the distance is 10 times the distance of the near clipping plane, but at least 0.001.
-        ``matrix`` is the 4x4 matrix from camera coordinates to world coordinates.
+        """Returns the distance from the eye to the pivot, about which the camera rotates: a point of the view plane,
+        or, in XML, at the depth of the centre of the scene.
         """
         if self.file.document is not None:
             view = self.file.document.scene.view
@@ -69,9 +63,7 @@ class LoadedScene:
         return float(depth) if depth > 1e-6 else max(10 * self._near, 1e-3)
 
     def look(self, camera: Camera | None) -> None:
-        """Gives the scene's sensor the position and the direction of ``camera``; None restores the view that the scene
-        file describes. The live view must be able to move this sensor (:attr:`home` is not None).
-        """
+        """Moves the scene's sensor to ``camera``; None: to :attr:`home`, which must not be None."""
         assert self.home is not None
         camera = camera or self.home
         # The clipping planes must not hide objects that were visible before the camera moved.
@@ -85,9 +77,8 @@ class LoadedScene:
         self._params.update()
 
     def view_text(self, camera: Camera | None) -> str | None:
-        """Returns the text with which a scene file describes the moved ``camera``: a VIEW statement in the scene
-        language, or a ``transform`` element in XML. Returns None if the camera has not been moved (``camera`` is None),
-        or if the live view cannot move this sensor.
+        """Returns the text for the scene file of the moved ``camera``: a VIEW statement, or a ``transform`` element in
+        XML. None if the camera has not been moved, or cannot be moved.
         """
         if self.home is None or camera is None:
             return None
@@ -99,7 +90,7 @@ class LoadedScene:
     # ---------------------------------------------------------------- the surface of a pixel
 
     def surface_at(self, x: int, y: int) -> str:
-        """Returns the name and line of the surface at the centre of pixel (x, y), or "background"."""
+        """Returns the name and the line of the surface at the centre of pixel (x, y), or "background"."""
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
         ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
         si = self.scene.ray_intersect(ray)

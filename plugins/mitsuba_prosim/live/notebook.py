@@ -78,11 +78,8 @@ def show(
 
 
 def stop_earlier(view: View) -> None:
-    """Stops the renders of all views that earlier executions of the same notebook cell made; ``view`` is the newest
-    view.
-
-    If the notebook program does not tell which cell it executes, this function stops no view. The function also stores
-    the cell of ``view`` in :data:`_made`.
+    """Stops the views that earlier executions of the cell of ``view`` made, if the notebook program tells its cells;
+    stores the cell of ``view`` in :data:`_made`.
     """
     cell, run = executed_cell()
     for earlier, (its_cell, its_run) in _made.items():
@@ -103,7 +100,6 @@ class View:
     """A progressive image in a notebook; the function :func:`show` makes and returns this object."""
 
     def __init__(self, image: ProgressiveImage, exposure: float) -> None:
-        """Displays the widgets of the view. Raises ImportError if ipywidgets is not installed."""
         try:
             import ipywidgets as widgets
         except ImportError as error:
@@ -140,38 +136,37 @@ class View:
 
     @property
     def layers(self) -> dict[str, np.ndarray]:
-        """The layers of the image so far, as a dictionary: name -> array.
+        """The layers of the image so far: name -> array.
 
-        The layer ``final`` is the linear image, shape (height, width, 3). The layer ``error`` is the standard error of
-        each pixel's luminance, and the layer ``samples`` is the number of samples of each pixel, both of shape (height,
-        width). The dictionary also has the layers that the integrator's parameter ``layers`` requests. During the first
-        pass over the image, the layers ``error`` and ``samples`` are missing, and pixels without a sample are black.
-        The dictionary is empty before an image is available, and after an error of the render.
+        ``final`` is the linear image, shape (height, width, 3); ``error`` the standard error of each pixel's luminance,
+        and ``samples`` its number of samples, shape (height, width). There are also the layers that the integrator's
+        parameter ``layers`` requests. The maps are missing during the first pass, in which pixels without a sample are
+        black. The dictionary is empty before an image is available, and after an error.
         """
         return dict(self._layers)
 
     @property
     def image(self) -> np.ndarray:
-        """The rendered image, linear, shape (height, width, 3). Raises ValueError if there is none yet."""
+        """The layer ``final`` of :attr:`layers`. Raises ValueError if there is no image."""
         if not self._layers:
             raise ValueError("show: there is no image yet; wait for it with view.wait()")
         return self._layers["final"]
 
     def stop(self) -> None:
-        """Ends the render after the current work item; the image that has been rendered so far stays on the screen."""
+        """Ends the render after the current work item; the image so far stays on the screen."""
         self._stopped = True
 
     def wait(self) -> View:
-        """Renders until the image is finished or :meth:`stop` is called, and returns the view; the notebook cannot run
-        other code during this call. The render stops if the user presses Ctrl-C or interrupts the notebook's kernel.
+        """Renders until the image is finished or stopped, also by Ctrl-C, and returns the view; the notebook cannot run
+        other code during this call.
         """
         for _ in self._steps:
             pass
         return self
 
     def __await__(self) -> Generator[Any, None, View]:
-        """Waits for the end of the render, while the notebook runs other tasks. The render stops if the user interrupts
-        the notebook's kernel. Outside a notebook, where :func:`show` has already waited, this method returns at once.
+        """Waits for the end of the render, while the notebook runs other tasks. Outside a notebook, :func:`show` has
+        waited.
         """
         if self.task is not None:
             yield from self.task.__await__()
@@ -179,7 +174,9 @@ class View:
         return self
 
     async def converge(self) -> None:
-        """Renders to the end; other tasks run after each work item. If cancelled, the image so far stays."""
+        """Renders until the image is finished, and lets the notebook run other tasks after each work item. If the task
+        is cancelled, the render stops, and the image so far stays on the screen.
+        """
         try:
             for _ in self._steps:
                 await asyncio.sleep(PAUSE)
@@ -188,9 +185,8 @@ class View:
             self.wait()  # executes the last step, which replaces the widgets by the image
 
     def _render(self) -> Iterator[None]:
-        """Renders one work item (a part of the missing samples) before each ``yield``, until the image is finished or
-        :meth:`stop` is called. At the end of the render, a still image replaces the notebook's widgets; after an error,
-        the error message replaces the widgets.
+        """Renders a work item before each ``yield``. At the end, a still image or the error message replaces the
+        widgets.
         """
         try:
             while not self._image.done and not self._stopped:
@@ -211,11 +207,7 @@ class View:
             self._replace()
 
     def _draw(self) -> None:
-        """Shows the selected layer, if it exists.
-
-        A layer with colours is shown with the view's exposure and compressed highlights. A map is shown as a grey
-        image, in which the 99th percentile of the map is white.
-        """
+        """Shows the selected layer, if it exists; a map as a grey image, in which its 99th percentile is white."""
         values = self._layers.get(self._layer.value)
         if values is None:
             return
@@ -225,7 +217,6 @@ class View:
         self._shown.value = as_png(values, self._factor, FAST)
 
     def _status(self) -> str:
-        """Returns the error, the samples a pixel and the seconds so far; only the seconds in the first pass."""
         samples, seconds = self._layers.get("samples"), f"{time.perf_counter() - self._started:.1f} s"
         if samples is None:
             return f"the first pass, {seconds}"
@@ -233,13 +224,14 @@ class View:
         return f"{words}, {samples.mean():.1f} samples a pixel, {seconds}"
 
     def _replace(self) -> None:
-        """Replaces the widgets, which need a running kernel, by a text and, if there is one, a still image."""
+        """Replaces the widgets, which work only while the kernel is running, by a text and, if there is one, a still
+        image.
+        """
         if self._place is None:  # IPython is not running
             return
         self._place.update(self._still(), metadata={"image/png": {"alt": self._label.value}}, raw=True)
 
     def _still(self) -> dict[str, str]:
-        """Returns the text and, if there is an image, the image, by their MIME types."""
         still = {"text/plain": self._label.value}
         if self._layers:
             still["image/png"] = base64.b64encode(png(compress(self.image * self._factor))).decode()
@@ -248,10 +240,8 @@ class View:
 
 @contextmanager
 def interrupting(stop: Callable[[], None]) -> Iterator[None]:
-    """Inside the ``with`` block, an interruption of the notebook's kernel calls ``stop`` and raises no exception.
-
-    So the current work item ends normally. An exception in the middle of a work item would leave an unfinished trace in
-    Dr.Jit. Outside the main thread, this function does nothing, because only the main thread is interrupted.
+    """Inside the ``with`` block, an interruption of the notebook's kernel calls ``stop`` and raises no exception, which
+    would leave an unfinished trace in Dr.Jit. Only the main thread is interrupted.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -47,11 +47,8 @@ class Camera:
         return np.asarray(self.eye + self.distance * self.to_world[:3, 2])
 
     def orbited(self, right: float, up: float) -> Camera:
-        """Returns the camera after a rotation about the pivot, by ``right`` degrees to the right and ``up`` degrees
-        upwards.
-
-        A rotation upwards or downwards ends when the viewing direction is :data:`STEEPEST` degrees above or below the
-        horizon, the plane that is perpendicular to the axis :attr:`up`.
+        """Returns the camera after a rotation about the pivot by ``right`` and ``up`` degrees, up to :data:`STEEPEST`
+        degrees above or below the horizon, the plane that is perpendicular to :attr:`up`.
         """
         level = np.degrees(np.arcsin(np.clip(-self.to_world[:3, 2] @ self.up, -1, 1)))
         # A camera that is already steeper than STEEPEST may stay so, but must not become steeper.
@@ -64,9 +61,8 @@ class Camera:
         return replace(self, to_world=moved @ self.to_world)
 
     def panned(self, right: float, up: float) -> Camera:
-        """Returns the camera after a translation parallel to the image plane. In the image, points at the pivot's
-        distance move by the fraction ``right`` of the image's width to the right, and by the fraction ``up`` of the
-        image's height upwards.
+        """Returns the camera after a translation parallel to the image plane, by which points at the pivot's distance
+        move in the image by the fractions ``right`` of its width and ``up`` of its height.
         """
         width, height = self.across
         to_world = self.to_world.copy()
@@ -74,7 +70,9 @@ class Camera:
         return replace(self, to_world=to_world)
 
     def dollied(self, factor: float) -> Camera:
-        """Returns the camera with its distance to the pivot times ``factor``, within :data:`FARTHEST`."""
+        """Returns the camera after a motion that multiplies the distance to the pivot by ``factor``, within the limits
+        of :data:`FARTHEST`.
+        """
         home = self.home or self.distance
         distance = min(max(factor * self.distance, home / FARTHEST), home * FARTHEST)
         to_world = self.to_world.copy()
@@ -107,11 +105,6 @@ def as_view(view: View, home: Camera, moved: Camera, spellings: Mapping[str, str
     motion = moved.to_world @ np.linalg.inv(home.to_world)
 
     def vector(value: tuple[float, float, float], homogeneous: float) -> str:
-        """Returns, as text, the coordinates of a point or a direction of ``view`` after the camera motion from ``home``
-        to ``moved``.
-
-        ``homogeneous`` is the fourth homogeneous coordinate of ``value``: 1 for a point, 0 for a direction.
-        """
         return format_numbers((motion @ [*value, homogeneous])[:3], size if homogeneous else 1.0)
 
     # The view plane and the window keep their position relative to the eye, also after a change of the distance.

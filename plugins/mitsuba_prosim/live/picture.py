@@ -23,24 +23,18 @@ Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image that is ready to be shown. The attribute ``layers`` of a picture is a dictionary: name of a layer ->
-    32-bit array.
+    """An image that is ready to be shown; no two pictures of a viewer have the same ``number``.
 
-    A layer is an image with colours, shape (height, width, 3), or a map with one value per pixel, shape (height,
-    width). No two pictures of a viewer have the same ``number``. The layers that the integrator's parameter ``layers``
-    requests have names such as ``lights.lamp1``.
+    ``layers`` are 32-bit arrays by name: colours, shape (height, width, 3), or a map, shape (height, width). Those that
+    the integrator's parameter ``layers`` requests have names such as ``lights.lamp1``.
     """
 
     number: int
     layers: Mapping[str, np.ndarray]
 
     def mixed(self, factors: Factors) -> Picture:
-        """Returns the picture with some layers of the integrator (such as ``lights.lamp1``) multiplied by ``factors``,
-        pairs of a layer's name and a factor. If ``factors`` is empty, returns the picture without a change.
-
-        The layer ``final`` of the result is the sum of all layers of the integrator after the multiplication; other
-        layers, such as ``error``, do not change. Raises KeyError if ``factors`` contains a name that is not the name of
-        a layer of the integrator.
+        """Returns the picture with some layers of the integrator multiplied by ``factors``; ``final`` is then the sum
+        of these layers. Without factors, nothing changes. Raises KeyError for a name that no layer has.
         """
         if not factors:
             return self
@@ -48,13 +42,11 @@ class Picture:
         return replace(self, layers={**self.layers, "final": final, **layers})
 
     def packed(self, layer: str) -> tuple[bytes, dict[str, str]]:
-        """Returns ``(content, headers)`` of the HTTP response with which the server sends a layer to the web page.
+        """Returns ``(content, headers)`` of the HTTP response with a layer.
 
-        ``content`` has the values of the layer row by row, as 32-bit little-endian floating-point numbers; NaN is sent
-        as 0, and an infinite value as the greatest finite number. The header ``X-White`` is the 99th percentile of a
-        map's values, or of the luminance of a layer with colours, where negative values count as 0; if the percentile
-        is not finite, the header is 1. The other headers are the picture's number and the layer's width and height.
-        Raises KeyError if the picture has no such layer.
+        ``content`` has the values row by row, as 32-bit little-endian floating-point numbers, with 0 for NaN, and the
+        greatest finite number for infinity. The header ``X-White`` is the 99th percentile of the map, or of the
+        luminance of the colours; 1 if it is not finite. Raises KeyError if the picture has no such layer.
         """
         values = self.layers[layer]
         height, width = values.shape[:2]
@@ -64,11 +56,8 @@ class Picture:
         return np.nan_to_num(values).astype("<f4").tobytes(), {f"X-{name}": str(fact) for name, fact in facts.items()}
 
     def at(self, x: int, y: int, size: tuple[int, int]) -> dict[str, list[float | None] | float | None]:
-        """Returns the value of each layer at pixel (x, y) of the final image: name of the layer -> value.
-
-        ``size`` is the (width, height) of the final image. A coarse picture has fewer pixels than the final image; the
-        coarse pixel that contains pixel (x, y) is used. The value of a layer with colours is a list of three numbers;
-        the value of a map is one number. Numbers that are not finite are returned as None.
+        """Returns the values of all layers at pixel (x, y) of the final image, whose (width, height) is ``size``: three
+        numbers for colours, one for a map. Numbers that are not finite become None. A coarse picture has fewer pixels.
         """
         height, width = self.layers["final"].shape[:2]
         x, y = x * width // size[0], y * height // size[1]
@@ -79,12 +68,8 @@ class Picture:
 
 
 def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
-    """Returns the image, the error and the sample counts of a render (see :data:`LAYERS`), and the layers that the
-    integrator's parameter ``layers`` requests: name -> array.
-
-    The layers that the integrator's parameter ``layers`` requests get names such as ``lights.lamp1``. If this parameter
-    is ``none``, or the integrator does not have it, there are no such layers. In the developed image, the channels of
-    the requested layers come before the other AOVs.
+    """Returns the :data:`LAYERS` of a render, and those that the integrator's parameter ``layers`` requests, with names
+    such as ``lights.lamp1``.
     """
     kind, image, estimator = getattr(integrator, "layers", "none"), np.array(render.image()), render.state.estimator
     first = image.shape[2] - len(estimator.channels.aov_names)  # the first AOV; before it are the colours and alpha
@@ -98,10 +83,8 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
 
 
 def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | None = None) -> np.ndarray:
-    """Returns a layer that has the ``values`` at all pixels where the mask ``known``, shape (height, width), is True.
-
-    Pixels where ``known`` is False are taken from the layer ``previous``, which may have fewer pixels. If ``previous``
-    is None, the pixels where ``known`` is False are 0.
+    """Returns the ``values`` of a layer where the mask ``known``, shape (height, width), is True, else those of the
+    layer ``previous``, which may have fewer pixels, or 0.
     """
     mask = known[..., None] if values.ndim == 3 else known
     if previous is None:
@@ -111,9 +94,8 @@ def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | N
 
 
 def colours(image: np.ndarray) -> np.ndarray:
-    """Returns the first three channels of a developed image, shape (height, width, channels), as colours of shape
-    (height, width, 3). If the image has fewer than three channels, as a grey image has, the first channel is repeated
-    three times.
+    """Returns the colours of a developed image, shape (height, width, channels): its first three channels, or a grey
+    image three times.
     """
     image = image.astype(np.float32, copy=False)
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
@@ -125,8 +107,8 @@ def white_of(values: np.ndarray) -> float:
 
 
 def as_png(values: np.ndarray, factor: float | np.float32 = 1.0, effort: int = -1) -> bytes:
-    """Returns a PNG file of a layer: of linear colours times ``factor`` with compressed highlights, or of a map as a
-    grey image. ``effort`` is the compression level of zlib.
+    """Returns a PNG file of a layer: of colours times ``factor`` with compressed highlights, or of a map as a grey
+    image. ``effort`` is the compression level of zlib.
     """
     if values.ndim == 2:
         return png(np.repeat(values[..., None] / np.float32(white_of(values)), 3, axis=2), effort=effort)
@@ -134,5 +116,5 @@ def as_png(values: np.ndarray, factor: float | np.float32 = 1.0, effort: int = -
 
 
 def finite_or_none(value: float) -> float | None:
-    """Returns ``value``, or None if ``value`` is infinite or NaN, because JSON has only finite numbers."""
+    """Returns ``value``, or None if it is infinite or NaN, because JSON has only finite numbers."""
     return float(value) if math.isfinite(value) else None

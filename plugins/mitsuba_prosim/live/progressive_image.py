@@ -30,14 +30,13 @@ COARSE = 1 << 14
 class ProgressiveImage:
     """An image of ``scene`` that ``integrator`` renders progressively; each call of :meth:`step` renders one work item.
 
-    An integrator that cannot render progressively is nested in ``prosim_adaptive``, which can. ``spp`` is the number of
-    samples per pixel; 0 means the number in the scene. ``denoise`` tells whether the final image is denoised.
+    Another integrator is nested in ``prosim_adaptive``. ``spp`` is the number of samples per pixel; 0 means that of the
+    scene. ``denoise`` tells whether the final image is denoised.
     """
 
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, spp: int, seed: int, denoise: bool = False
     ) -> None:
-        """Prepares the render; :meth:`step` renders. ``seed`` is the seed of the samples."""
         if not rendering.is_progressive(integrator):
             integrator = create("prosim_adaptive", nested=integrator, adaptive="none")
             spp = spp or rendering.samples_taken(integrator, sensor, sensor.sampler().sample_count(), 1 + denoise)
@@ -58,11 +57,10 @@ class ProgressiveImage:
         self._result: Any = None
 
     def step(self) -> bool:
-        """Renders one work item; returns whether the caller should now draw a new picture of the image.
+        """Renders one work item; returns whether the caller should now draw the image.
 
-        A new picture should be drawn at the end of each pass over the image, and during a pass if the latest picture is
-        old enough (see :class:`.Throttle`), but only if new samples were taken. If no work item is left, the result is
-        False, and :attr:`done` becomes True.
+        This is at the end of each pass, and earlier if the latest picture is old enough (:class:`.Throttle`), but only
+        with new samples. If no work item is left, :attr:`done` becomes True.
         """
         step = next(self._steps, None)
         if step is None:
@@ -73,7 +71,6 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
-        """Renders the image and, if requested, denoises it at the end; yields the progress after each work item."""
         what, executor = (self.scene, self.sensor, self.integrator, self.seed, self.spp), Executor(SECONDS)
         final = self.final = denoised_progressive(*what, executor=executor) if self.denoise else None
         self.render = rendering.progressive(*what, executor=executor) if final is None else final.render
@@ -86,20 +83,20 @@ class ProgressiveImage:
 
     @property
     def reached(self) -> Reached:
-        """Samples, error and time so far; after denoising, without the errors of 99 % and 99.9 %."""
+        """Samples, error and time so far. After denoising, the error is that of the denoised image, and the errors of
+        fractions of its pixels are unknown.
+        """
         reached: Reached = self.render.reached
         if (result := self._result) is None:
             return reached
         return reached._replace(noise=result.noise, noise_99=np.nan, noise_999=np.nan, noise_at_most=result.at_most)
 
     def layers(self) -> Mapping[str, np.ndarray]:
-        """Returns the layers of the image so far, from which the caller makes a :class:`.Picture`; sets :attr:`new` to
-        False. Before the first call of :meth:`step`, returns the layers of the coarse image, or an empty dictionary if
-        there is no coarse image.
+        """Returns the layers of the image so far, and sets :attr:`new` to False.
 
-        The layers ``raw`` and ``denoised`` exist only after denoising; the layer ``final`` is then a mixture of ``raw``
-        and ``denoised``. During the first pass over the image, the layers ``error`` and ``samples`` are missing, and
-        pixels without a sample have the values of the coarse image, or are black if there is no coarse image.
+        Before the first step, these are the layers of the coarse image, if there is one. ``raw`` and ``denoised``, of
+        which ``final`` is a mixture, exist only after denoising. During the first pass, the maps ``error`` and
+        ``samples`` are missing, and pixels without a sample are those of the coarse image, or black.
         """
         if self.render is None:
             return self._coarse
@@ -113,11 +110,10 @@ class ProgressiveImage:
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
     def begin_coarse(self) -> None:
-        """Renders the coarse image (an image with few pixels), which :meth:`layers` shows where the image has no sample
-        yet.
+        """Renders the coarse image, which :meth:`layers` shows where the image has no sample yet.
 
-        Each pixel of the coarse image has one sample. In a scene with dispersion, the coarse image is the first pass of
-        a render with n² samples per pixel, where n is the number of wavelengths of a spectrum.
+        It has one sample per pixel; with dispersion, the first pass of n² samples, where n is the number of
+        wavelengths.
         """
         each = dr.size_v(mi.Spectrum) if disperses(self.scene) else 1
         with coarse_film(self.sensor, COARSE):
@@ -127,12 +123,12 @@ class ProgressiveImage:
 
 
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Returns the ``layers`` that contain colours, without the layers that are maps."""
+    """Returns the ``layers`` with colours."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
 
 
 def integrator_name(integrator: Any) -> str:
-    """Returns the plugin name, such as ``path``, of an integrator, or of the one nested in it."""
+    """Returns the plugin name of an integrator, such as ``path``, or of its nested integrator."""
     integrator = getattr(integrator, "nested", integrator)
     if hasattr(integrator, "parameter_names"):  # a plugin of this project
         return str(integrator.name)
@@ -149,11 +145,8 @@ def not_compared(integrator: Any) -> str | None:
 
 
 def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
-    """Returns a progressive image of the same scene and with the same sampling parameters as ``image``, but rendered by
-    Mitsuba's ``path`` and never denoised.
-
-    If the scene's integrator has a background, the background is replaced by an emitter, because ``path`` has no
-    parameter for a background. Raises ValueError if the background cannot become an emitter, see :func:`not_compared`.
+    """Returns ``image`` with the same sampling, but rendered by Mitsuba's ``path`` and never denoised. A background
+    becomes an emitter. Raises ValueError if it cannot, see :func:`not_compared`.
     """
     sampling = asdict(image.integrator.sampling)
     path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)

@@ -1,6 +1,4 @@
-"""Holds the state and the pictures of the live view. The thread that renders publishes the state and the pictures; the
-web server sends both to every open page.
-"""
+"""The state and the pictures of the live view, which the thread that renders publishes, and the web server sends."""
 
 from __future__ import annotations
 
@@ -58,17 +56,13 @@ class State:
 
 
 class Publisher:
-    """Holds the latest state and pictures: only one thread may call :meth:`publish`, any may read."""
+    """Holds the latest state and pictures. Only one thread may call :meth:`publish`; any thread may read."""
 
     def __init__(self, state: State) -> None:
         self.state, self.pictures, self.closed = state, dict[str, Picture](), False
 
     def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes fields of the state, and, if ``pictures`` is neither None nor empty, replaces the pictures.
-
-        The entry ``own`` of ``pictures`` is the picture of the image that the scene's integrator renders. The entry
-        ``path`` of ``pictures``, which may be missing, is the picture of the image that Mitsuba's path tracer renders.
-        """
+        """Changes fields of the state, and replaces the ``pictures``, if there are any: "own", and perhaps "path"."""
         if pictures:
             self.pictures = dict(pictures)
             changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
@@ -76,7 +70,7 @@ class Publisher:
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:
-        """Yields the state and later ones, the last of each :data:`INTERVAL`, until the publisher is closed."""
+        """Yields the current state, and the latest state after each change, until the publisher is closed."""
         last = None
         while not self.closed:
             if self.state is not last:

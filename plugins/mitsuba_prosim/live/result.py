@@ -19,7 +19,7 @@ from ..parameters import check_positive
 from ..registry import create
 from ..scene import black, rendering
 from ..scene.scene_file import SceneFile, pick_sensor
-from .picture import as_png
+from .picture import as_png, colours
 from .progressive_image import ProgressiveImage
 
 #: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
@@ -58,10 +58,7 @@ class Result:
         return f"<{self.verdict}>"
 
     def _repr_html_(self) -> str:
-        """Returns the verdict, the image, and maps of the error and of the number of samples, for a notebook."""
-        image = np.array(self.image)[..., :3]
-        colours = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image
-        layers = {"image": colours, "standard error": self.error, "samples": self.samples}
+        layers = {"image": colours(np.array(self)), "standard error": self.error, "samples": self.samples}
         figures = (
             f'<figure style="margin: 0"><img style="max-width: 100%" alt="{name}" src="data:image/png;base64,'
             f'{base64.b64encode(as_png(values)).decode()}"><figcaption>{name}</figcaption></figure>'

@@ -21,7 +21,7 @@ Stamp = tuple[int, ...] | None
 
 
 def stamp(path: Path) -> Stamp:
-    """Returns the inode, size and modification time of a file or folder; None if there is none."""
+    """Returns the stamp of a file or folder, which changes when it is written; None if ``path`` does not exist."""
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -30,11 +30,10 @@ def stamp(path: Path) -> Stamp:
 
 
 class SceneWatcher:
-    """Detects changes of the scene file ``path`` and of the files that the scene uses, by checking all these files
-    repeatedly.
+    """Detects changes of the scene file ``path`` and of the files that the scene uses.
 
-    The class does not use the change notifications of the operating system, because these notifications fail for
-    folders that are deleted and made again, and on some file systems.
+    It checks the files repeatedly, because the notifications of the operating system fail for folders that are made
+    again, and on some file systems.
     """
 
     def __init__(self, path: Path) -> None:
@@ -43,14 +42,12 @@ class SceneWatcher:
         self.stamps = {path.absolute(): stamp(path)}
 
     def opened(self, files: Iterable[Path]) -> None:
-        """Watches only the scene file and the ``files`` that the scene uses, from now on."""
+        """Watches only the scene file and the ``files`` that the scene uses, after the scene was opened."""
         self._watch({path.absolute() for path in [self._scene, *files]})
 
     def failed(self) -> None:
-        """Also watches the folder of the scene file, and the files and folders in it and in its subfolders, at most
-        :data:`MAX_WATCHED_FILES`, because the user may repair the scene by adding or changing any of these files.
-
-        Call this method when the scene cannot be opened. The files in subfolders of subfolders are not watched.
+        """Also watches the files in the scene's folder and its subfolders, at most :data:`MAX_WATCHED_FILES`, because
+        the user may repair the scene by any of them.
         """
         folder = self._scene.absolute().parent
         files = {*self.stamps, folder}
@@ -59,14 +56,13 @@ class SceneWatcher:
         self._watch(files)
 
     def _watch(self, files: set[Path]) -> None:
-        """Watches these ``files``; those that were watched keep their last stamps, so that no change is missed."""
+        """Watches these ``files`` and no others; known files keep their stamps, so that no change is missed."""
         self.stamps = {path: self.stamps[path] if path in self.stamps else stamp(path) for path in files}
 
     def changed(self) -> bool:
-        """Returns whether a watched file was written, made, removed or renamed since this method last returned True.
+        """Returns whether a watched file has changed since this method last returned True, and is complete.
 
-        While a file is still being written, the result is False. The caller may call this method often, because the
-        method reads the stamps of the files only from time to time, and returns False without a check at other times.
+        The caller may call this method often, because the files are checked only from time to time.
         """
         started = clock()
         if started < self._due:

@@ -68,9 +68,8 @@ MAX_CONNECTIONS, AT_ONCE, QUEUE, TIMEOUT, LOG_INTERVAL = 16, 4, 1024, 10.0, 60.0
 class Connection(H11Protocol):
     """An HTTP connection to a client, who may be hostile.
 
-    The connection is closed if no accepted request is being answered :data:`TIMEOUT` seconds after the connection was
-    made, or later at a multiple of this time. If there are more than :data:`MAX_CONNECTIONS` connections, the oldest
-    one on which no accepted request is being answered is closed.
+    Every :data:`TIMEOUT` seconds, the connection is closed unless an accepted request is being answered. With more than
+    :data:`MAX_CONNECTIONS` connections, the oldest one without an accepted request is closed.
     """
 
     def connection_made(self, transport: Any) -> None:
@@ -90,7 +89,6 @@ class Connection(H11Protocol):
         return self.cycle is not None and not self.cycle.response_complete and "authorised" in self.scope
 
     def _expire(self) -> None:
-        """Closes the connection, or looks again later."""
         if self.answers:
             self.loop.call_later(TIMEOUT, self._expire)
         else:
@@ -98,7 +96,7 @@ class Connection(H11Protocol):
 
 
 class Server(uvicorn.Server):
-    """Accepts few connections at once, lets many wait, and logs an error at most once per :data:`LOG_INTERVAL`."""
+    """A server that accepts few connections at once, lets many wait, and seldom logs errors."""
 
     #: Time of the event loop after which the next error is logged.
     due = 0.0
@@ -122,8 +120,8 @@ class Server(uvicorn.Server):
 def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str]:
     """Serves the live page in another thread until the ``with`` block ends, and yields the address of the page.
 
-    ``encode`` is the function that makes the EXR and PNG files which the user saves from the page. ``sock`` is the
-    socket on which the server listens. At the end of the ``with`` block, the viewer and the socket are closed.
+    ``encode`` makes the files that the user saves from the page. The server listens on ``sock``. At the end, the viewer
+    and the socket are closed.
     """
     token = secrets.token_urlsafe(24)
     routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
@@ -152,14 +150,11 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
 
 
 def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
-    """Returns a middleware that refuses an HTTP request if its address lacks the secret token, if its host name is not
-    this machine, or if a page of another site sends the request.
+    """Returns a middleware that refuses HTTP requests without the secret token in their address, for another host name,
+    or from a page of another site. All responses get those :data:`HEADERS` that they lack.
     """
 
     async def dispatch(request: Request, call_next: RequestResponseEndpoint) -> Response:
-        """Answers a request whose address begins with the token and whose headers name this machine; refuses other
-        requests with the status 403. All responses get those :data:`HEADERS` that they lack.
-        """
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         first_folder = request.scope["path"].lstrip("/").partition("/")[0]
         authorised = secrets.compare_digest(first_folder.encode(), token.encode())
@@ -176,13 +171,13 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
 
 
 class Pages:
-    """Answers the requests of the live page. ``encode`` makes the EXR and PNG files that the user saves."""
+    """Answers the HTTP requests of the live page; ``encode`` makes the files that the user saves."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
         self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
 
     def routes(self) -> list[BaseRoute]:
-        """Returns the routes of all requests of the live page, and of its files."""
+        """Returns the routes of all requests that the page sends, and of its HTML, CSS and JavaScript files."""
         return [
             Route("/events", self.events),
             Route("/layer/{image}/{layer}", self.layer),
@@ -194,17 +189,18 @@ class Pages:
         ]
 
     async def events(self, _: Request) -> Response:
-        """Streams the state of the viewer to the page: the current state at once, and a new state after each change."""
+        """Streams the state of the viewer: the current state at once, and a new state after each change."""
 
         async def stream() -> AsyncIterator[str]:
-            """Yields each state as a server-sent event."""
             async for state in self._publisher.follow():
                 yield f"data: {json.dumps(asdict(state))}\n\n"
 
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
-        """Returns a layer (:meth:`.Picture.packed`), times :func:`factors`; status 404 if it does not exist."""
+        """Returns the values of a layer, see :meth:`.Picture.packed`, after multiplication by the request's
+        :func:`factors`. The status is 404 without such a layer.
+        """
         picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
@@ -213,9 +209,8 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """Returns, as JSON, the values of a pixel in all layers of all pictures, and the name of the surface that is
-        visible at this pixel. The JSON object is empty if the current image does not have this pixel; the name of the
-        surface is empty if no scene is open.
+        """Returns, as JSON, the values of a pixel in all layers of all pictures, and the name of the visible surface.
+        The object is empty if the current image does not have this pixel.
         """
         x, y = (request.path_params[name] for name in "xy")
         width, height = self._publisher.state.size
@@ -226,7 +221,9 @@ class Pages:
         return JSONResponse({**values, "surface": surface})
 
     async def explain(self, request: Request) -> Response:
-        """Returns the page that explains a pixel, which may only run its own script; status 400 if it can't."""
+        """Returns the page that explains a pixel, which may only run its own script; the status is 400 if it cannot be
+        explained.
+        """
         x, y = (request.path_params[name] for name in "xy")
         try:
             page = await self._call(lambda viewer: viewer.explanation(x, y))
@@ -235,9 +232,8 @@ class Pages:
         return HTMLResponse(page, headers={"Content-Security-Policy": explanation_page.policy(page)})
 
     async def save(self, request: Request) -> Response:
-        """Returns the image of the scene's integrator as an EXR or PNG file. The request's factors multiply layers of
-        the image; the request's exposure makes only the PNG brighter. The status is 404 if there is no image yet, or
-        for another kind of file.
+        """Returns the image of the scene's integrator as an EXR or PNG file, after multiplication by the request's
+        :func:`factors`; the exposure makes only the PNG brighter. The status is 404 without an image.
         """
         picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
@@ -247,9 +243,9 @@ class Pages:
         return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
-        """Schedules the action whose name is in the request's address (see :data:`ACTIONS`), for the thread that
-        renders, and returns without waiting. The query parameters ``x`` and ``y`` describe a camera motion. The status
-        is 404 for an unknown action, and 400 if a factor of the distance (action "dolly") is not positive.
+        """Schedules an action, one of :data:`ACTIONS`, for the thread that renders. The query parameters ``x`` and
+        ``y`` describe a camera motion. The status is 404 for an unknown action, and 400 for a factor that is not
+        positive.
         """
         name = request.path_params["action"]
         if name not in ACTIONS:
@@ -261,16 +257,15 @@ class Pages:
         return Response(status_code=204)
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:
-        """Executes the function ``work`` in the thread that renders, and returns the function's result."""
         return await asyncio.wrap_future(self._viewer.call(work))
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """Returns the factors by which a request multiplies layers of ``picture``, as pairs of a layer's name and a factor.
+    """Returns the factors by which a request multiplies layers of ``picture``: pairs of a layer's name and a factor,
+    from the query parameters ``mix``, such as ``lights.lamp1=0.5``.
 
-    Each query parameter ``mix`` of the request contains one factor, such as ``lights.lamp1=0.5``, see
-    :func:`.parse_factor`. Raises HTTPException if a factor has a wrong format, if a layer has two factors, or if the
-    picture does not have the layer. Only layers that the integrator's parameter ``layers`` requests can have factors.
+    Raises HTTPException for a wrong factor, for two factors of a layer, and for a layer that the integrator's parameter
+    ``layers`` does not request.
     """
     texts = request.query_params.getlist("mix")
     try:
@@ -283,8 +278,8 @@ def factors(request: Request, picture: Picture) -> Factors:
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:
-    """Returns the query parameter ``name`` of a request as a number, clamped to [-limit, limit]; 0 if the parameter is
-    missing. Raises HTTPException if the parameter is not a finite number.
+    """Returns the query parameter ``name`` as a number in [-limit, limit]; 0 if it is missing. Raises HTTPException if
+    it is not a finite number.
     """
     try:
         value = float(request.query_params.get(name, "0"))

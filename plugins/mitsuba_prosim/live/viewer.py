@@ -50,15 +50,14 @@ class Viewer:
     """Renders and publishes the image that the live page requests, and opens the scene file ``path`` again after each
     change of the scene's files.
 
-    ``open_scene`` is the function that loads the scene. ``spp`` is the number of samples per pixel; 0 means the number
-    in the scene. ``denoise`` tells whether the final image is denoised. Threads other than the thread that renders may
-    use only :attr:`publisher`, :meth:`call` and :meth:`close`.
+    ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means that of the scene. Threads other
+    than the thread that renders may use only :attr:`publisher`, :meth:`call` and :meth:`close`; all other methods are
+    for functions that :meth:`call` has scheduled.
     """
 
     def __init__(
         self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
     ) -> None:
-        """Prepares the viewer, but does not open the scene; :meth:`run` opens the scene and renders."""
         self.publisher, self.watcher = Publisher(State(path.name)), SceneWatcher(path)
         #: The open scene; None if it could not be opened.
         self.scene: LoadedScene | None = None
@@ -83,7 +82,9 @@ class Viewer:
     # ---------------------------------------------------------------- requests
 
     def call(self, work: Callable[[Viewer], Any]) -> Future[Any]:
-        """Schedules ``work`` for the thread that renders, between two work items; returns a future of its result."""
+        """Schedules the short function ``work`` for the thread that renders, between two work items; returns a future
+        of its result.
+        """
         future: Future[Any] = Future()
         self._calls.put((work, future))
         return future
@@ -93,26 +94,19 @@ class Viewer:
         self.publisher.closed = True
 
     def change(self, **changes: Any) -> None:
-        """Changes fields of the :class:`ViewRequest`; for functions that :meth:`call` has scheduled."""
+        """Changes fields of the current :class:`ViewRequest`."""
         self._request = replace(self._request, **changes)
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
-        """Requests an image from a moved camera, if the live view can move the scene's sensor.
-
-        ``motion`` is a function that returns the moved camera for the current camera. Only functions that :meth:`call`
-        has scheduled may call this method, because only the thread that renders may change the request.
-        """
+        """Requests an image from the camera that ``motion`` returns for the current one, if the sensor can be moved."""
         if self._home is not None:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
-        """Returns ``(state, bitmap, image, reached)`` of the latest published picture by the scene's integrator,
-        even if the page also shows an image by Mitsuba's ``path``.
+        """Returns ``(state, bitmap, image, reached)`` of the latest published picture by the scene's integrator.
 
-        ``bitmap`` has all layers of the picture, after some layers are multiplied by ``factors`` (pairs of a layer's
-        name and a factor). ``reached`` is a :class:`.Reached` with the samples, the error and the duration of the
-        render; None before the first sample. Only functions that :meth:`call` has scheduled may call this method,
-        because they run in the thread that renders. Raises KeyError if no picture has been published.
+        ``bitmap`` has all layers of the picture, multiplied by ``factors``. ``reached`` is a :class:`.Reached`; None
+        before the first sample. Raises KeyError if no picture has been published.
         """
         picture = self.publisher.pictures["own"].mixed(factors)
         channels = dict[str, np.ndarray]()
@@ -123,9 +117,9 @@ class Viewer:
         return self.publisher.state, of_channels(channels), self._images["own"], self._reached
 
     def explanation(self, x: int, y: int) -> str:
-        """Returns the HTML page that explains the pixel (x, y) of the image by the scene's integrator. Only functions
-        that :meth:`call` has scheduled may call this method, because they run in the thread that renders. Raises the
-        errors of :meth:`.Samples.of`, and ValueError if no picture has been published.
+        """Returns the HTML page that explains the pixel (x, y) of the image by the scene's integrator.
+
+        Raises the errors of :meth:`.Samples.of`, and ValueError if no picture has been published.
         """
         scene, picture = self.scene, self.publisher.pictures.get("own")
         if scene is None or picture is None:
@@ -134,9 +128,9 @@ class Viewer:
         return explanation.page(scene.file, pixel=(x, y), spp=self._spp, seed=self._seed, **seen)
 
     def run_calls(self, timeout: float = 0.0) -> None:
-        """Executes all functions that :meth:`call` has scheduled. If no function is scheduled, waits at most
-        ``timeout`` seconds for one. The future that :meth:`call` returned receives the result or the exception of the
-        function. A function whose future was cancelled is not executed.
+        """Executes all functions that :meth:`call` has scheduled; waits at most ``timeout`` seconds for the first.
+
+        The future gets the result or the exception. A function whose future was cancelled is not executed.
         """
         with suppress(Empty):
             while True:
@@ -168,16 +162,14 @@ class Viewer:
 
     @property
     def _done(self) -> bool:
-        """Whether all images are finished."""
         return all(image.done for image in self._images.values())
 
     @property
     def _idle(self) -> bool:
-        """Whether the current request needs no more work, because rendering is finished or paused."""
         return self._request == self._shown and (self._request.paused or self._done)
 
     def _advance(self) -> None:
-        """Does the next piece of work: opens the scene, begins or pauses the image, or renders a work item."""
+        """Does the next piece of work for the current request, if there is any."""
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:  # the scene could not be opened
@@ -193,11 +185,9 @@ class Viewer:
     # ---------------------------------------------------------------- a new scene or view
 
     def _open(self) -> None:
-        """Opens the scene file, for the first time or again after a change, and begins to render an image of the scene.
+        """Opens the scene file, and begins to render.
 
-        This method publishes the warnings of the scene language's translator. A camera that the user has moved stays
-        there, unless the changed scene file describes another view than before the change, or a sensor that the live
-        view cannot move. A paused render is resumed.
+        A camera that the user has moved stays there, unless the file describes another view than before.
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene, self._images = None, {}
@@ -218,11 +208,8 @@ class Viewer:
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins a new render, without earlier samples, of the view of ``scene`` that the page requests.
-
-        This method first renders and publishes a coarse image (an image with few pixels). If the page also shows an
-        image by Mitsuba's integrator ``path``, that image is deleted, and :meth:`_pause_or_compare` begins a new one in
-        the next step.
+        """Begins a new render of the requested view, with a coarse image first. An image by ``path`` is begun by the
+        next step.
         """
         self._shown = replace(self._request, compared=False, paused=False)
         self._reached, self._seconds = None, 0.0
@@ -241,12 +228,7 @@ class Viewer:
         self._publish()
 
     def _pause_or_compare(self) -> None:
-        """Handles a new request that differs from the request which is now shown only in ``compared`` or ``paused``.
-
-        Adds or deletes the image by Mitsuba's ``path``; no image is added if :func:`.not_compared` gives a reason.
-        Before a pause, this method draws pictures that include all samples taken so far. After an error, when no image
-        exists, nothing is drawn or published.
-        """
+        """Handles a new request that differs from the shown one only in ``compared`` or ``paused``."""
         request, own = self._request, self._images.get("own")
         if own is not None:
             if request.compared != self._shown.compared:
@@ -261,10 +243,7 @@ class Viewer:
     # ---------------------------------------------------------------- work item after work item
 
     def _step(self, scene: LoadedScene) -> None:
-        """Renders one work item of an unfinished image, and publishes the progress; if two images are unfinished, they
-        take turns. After each pass over the image of the scene's integrator, also publishes the reason if the picture
-        is black.
-        """
+        """Renders one work item; two unfinished images take turns."""
         started, changes = time.perf_counter(), dict[str, Any]()
         image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():
@@ -277,15 +256,14 @@ class Viewer:
         self._publish(**changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
-        """Stores a new picture of ``image`` and, for the scene's integrator, its samples and noise so far."""
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
             if image is self._images["own"] and image.render is not None:
                 self._reached = image.reached
 
     def _publish(self, **changes: Any) -> None:
-        """Publishes the pictures, the progress and the other ``changes`` of the state, so that the open pages show
-        them. Before the first picture of the scene's integrator, the previous pictures remain.
+        """Publishes the pictures, the progress and the other ``changes`` of the state. Before the first picture of the
+        scene's integrator, the previous pictures remain.
         """
         images, reached = self._images, self._reached
         pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
@@ -301,12 +279,7 @@ class Viewer:
         )
 
     def _fail(self, error: BaseException) -> None:
-        """Publishes an error message, and ends the render. The next change of the scene's files or of the view starts a
-        new render.
-
-        If the scene file does not exist, publishes the status ``missing`` without an error message. If no scene is
-        open, also watches the files in the scene's folder, see :meth:`.SceneWatcher.failed`.
-        """
+        """Publishes an error, and ends the render until the scene's files or the view change."""
         self._images, self._shown = {}, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"

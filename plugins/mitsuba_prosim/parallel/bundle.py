@@ -18,10 +18,9 @@ from ..scene import scene_file
 class SceneBundle:
     """A scene in a form that can be sent to a :mod:`.worker`.
 
-    ``main`` is the name of the scene's XML file. ``changes`` are further arguments of :class:`.SceneFile`. ``sensor``
-    is the number of the sensor. ``variant`` is the Mitsuba variant of the process that made the bundle. Bundles of one
-    scene in two variants are different, so that a worker loads the scene again for the other variant. ``contents`` maps
-    the name of each file, relative to the scene's folder, to the bytes of the file.
+    ``main`` is the name of the scene's XML file, ``changes`` are further arguments of :class:`.SceneFile`, and
+    ``contents`` maps the name of each file, relative to the scene's folder, to its bytes. Bundles in two variants are
+    different, so that a worker loads the scene again.
     """
 
     main: str
@@ -50,7 +49,9 @@ class SceneBundle:
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:
-        """Loads the scene from a temporary copy. Raises the errors of :class:`.SceneFile` and of plugins."""
+        """Writes the files to a temporary folder, and returns the scene and its sensor. Raises the errors of
+        :class:`.SceneFile` and of the plugins.
+        """
         with atomic.scratch() as folder:
             atomic.write({folder / name: content for name, content in self.contents.items()})
             scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()

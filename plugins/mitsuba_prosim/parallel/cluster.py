@@ -33,21 +33,19 @@ TIMEOUT, REPLACE_INTERVAL, ATTEMPTS = 10, "2s", 3
 
 
 def silence() -> None:
-    """Hides Dask's messages below CRITICAL, because this package prints its own of lost workers."""
+    """Hides the log messages of Dask, because ``mitsuba_prosim`` prints its own about lost workers and schedulers."""
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.nanny"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextmanager
 def workers(number: int, threads: int | None = None, folder: Path | None = None) -> Iterator[distributed.Client]:
-    """Starts local worker processes, and yields a client of their scheduler.
+    """Starts local worker processes, and yields a client of their scheduler; lost workers are replaced.
 
-    The scheduler listens only to this machine, and all connections use TLS with a certificate that exists only during
-    the ``with`` block, so no other process can connect to the scheduler or to a worker. ``number`` is the number of
-    processes. ``threads`` is the number of threads of all worker processes together; None stands for one thread per
-    processor. Each worker process has at least one thread. ``folder`` is a folder for the temporary files of Dask; None
-    stands for Dask's default, a folder that Dask does not delete. A worker that is lost later is replaced. Raises
-    RuntimeError if :data:`ATTEMPTS` attempts to start the workers fail.
+    No other process can connect to the scheduler or to a worker, because they listen only to this machine, and use TLS
+    with a certificate that exists only during the ``with`` block. ``number`` is the number of processes. ``threads`` is
+    the number of their threads together; None stands for one per processor. ``folder`` is a folder for temporary files;
+    None stands for Dask's default, which Dask does not delete. Raises RuntimeError if :data:`ATTEMPTS` attempts fail.
     """
     silence()
     place = None if folder is None else str(folder)
@@ -78,11 +76,11 @@ def workers(number: int, threads: int | None = None, folder: Path | None = None)
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Blocks the signals of Ctrl-C and of a closed terminal in all processes that start inside the ``with`` block.
+    """Blocks the signals of Ctrl-C and of a closed terminal in all processes and threads that start inside the ``with``
+    block.
 
-    Threads that this process starts inside the ``with`` block block the signals of Ctrl-C and of a closed terminal,
-    too. On Windows, this function does nothing. A terminal sends the signals of Ctrl-C and of its closing to all
-    processes, but only the main process, which holds the image, may handle them.
+    A terminal sends these signals to all processes, but only the main process, which holds the image, may handle them.
+    On Windows, this function does nothing.
     """
     if sys.platform == "win32":
         yield

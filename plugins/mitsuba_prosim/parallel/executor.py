@@ -39,7 +39,7 @@ class ClusterError(RuntimeError):
 
 
 class DaskExecutor(Executor):
-    """Computes work items on the workers of the cluster of ``client``, which may come and go."""
+    """Computes work items of the scene in ``bundle`` on the workers of ``client``, which may come and go."""
 
     def __init__(self, client: distributed.Client, bundle: SceneBundle) -> None:
         super().__init__(SECONDS)
@@ -53,27 +53,26 @@ class DaskExecutor(Executor):
         self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
-        """Sets the scene of the next images; do not call this method during the render of an image."""
+        """Sets the scene of the next images, between two images."""
         self._scene, self._environment = pickle.dumps(bundle), environment.this_environment()
         #: The scene in the memory of the cluster; workers send it to each other.
         self._shared: distributed.Future | None = None
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
-        """Returns the maximum number of samples of the next work item.
+        """Returns the maximum number of samples of the next work item, if ``left`` samples are not yet in work items.
 
-        ``left`` is the number of samples that still have to be divided into work items. The computation of a work item
-        takes a worker at most about ``seconds``. Near the end of a pass, work items are smaller by a factor of at most
-        :data:`MAX_SHORTENING`, so that all workers finish the pass at about the same time.
+        A work item takes a worker at most about ``seconds``. Near the end of a pass, work items are smaller by a factor
+        of at most :data:`MAX_SHORTENING`, so that all workers finish at about the same time.
         """
         least = max(int(self.speed * min(self.seconds, seconds)) // MAX_SHORTENING, self.SMALLEST)
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes the work items on the workers, and yields each work item with the new sums of its pixels.
+        """Computes the work items on the workers, and yields each of them with the new sums of its pixels, or None
+        while there is no new result.
 
-        Yields None while there is no new result, so that the caller can stop at any time. If the scheduler is lost, the
-        iteration ends early, and :attr:`loss_reason` tells why. Raises ClusterError if a worker has another variant or
-        other software versions than this process, or if a task fails more than :data:`RETRIES` times.
+        If the scheduler is lost, the iteration ends early, and :attr:`loss_reason` tells why. Raises ClusterError for
+        other software on a worker, and for a task that fails more than :data:`RETRIES` times.
         """
         done = distributed.as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         running = dict[distributed.Future, WorkItem]()
@@ -99,7 +98,6 @@ class DaskExecutor(Executor):
                 future.cancel()
 
     def _submit(self, item: WorkItem, done: distributed.as_completed) -> distributed.Future:
-        """Submits a work item, the first with the scene; ``done`` yields its result. Dask repeats a lost task."""
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
             self._shared = self._shared or self.client.submit(bytes, self._scene)
             call = worker.sample, self.client.id, self._environment, self._shared, worker.packed(item)
@@ -108,10 +106,8 @@ class DaskExecutor(Executor):
         return future
 
     def _sums(self, item: WorkItem, future: distributed.Future, result: Any) -> Accumulators:
-        """Returns the new sums of the pixels of a finished work item, from the ``result`` of the worker's task.
-
-        Updates the measured speed of a worker. Warns if the worker has another processor or LLVM version. Raises
-        ClusterError if the result is an error, or if the worker has another variant or other software versions.
+        """Returns the new sums of the pixels of a finished work item, and updates the measured speed of a worker. Warns
+        if the worker has another processor or LLVM version.
         """
         if future.status == "error":
             _, error, _ = result
@@ -131,10 +127,8 @@ class DaskExecutor(Executor):
         return sums
 
     def _check_workers(self) -> bool:
-        """Updates the list of workers at intervals of :data:`CHECK_INTERVAL`; returns whether the scheduler is lost.
-
-        Warns if a worker was lost. Warns if the cluster has no workers :data:`WARNING_DELAY` seconds after the executor
-        was created. A scheduler that was lost once stays lost for this executor.
+        """Updates the list of workers from time to time; returns whether the scheduler is lost. Warns if a worker was
+        lost, or if there are none for :data:`WARNING_DELAY` seconds.
         """
         now, before = time.perf_counter(), self._workers
         if self.loss_reason or now < self._next_check:

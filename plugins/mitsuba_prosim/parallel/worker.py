@@ -40,14 +40,11 @@ scenes = dict[str, tuple[bytes, Estimator]]()
 
 
 def load(client: str, content: bytes) -> Estimator:
-    """Returns the :class:`.Estimator` of a scene; loads the scene, unless it is the last scene that this client used.
+    """Returns the :class:`.Estimator` of the scene in ``content``, a pickled :class:`.SceneBundle`; loads the scene,
+    unless it is the last one of this ``client``, the id of a Dask client.
 
-    ``client`` is the id of the Dask client. ``content`` is a pickled :class:`.SceneBundle`. If :data:`SCENES` other
-    clients have scenes, the scene of the client that has waited longest is deleted.
-
-    The previous scene of this client is deleted before the new scene is loaded. Because the previous scene is deleted
-    first, the objects of the new scene get the numbers of the deleted objects in Dr.Jit's registry, so that compiled
-    kernels in the cache can be used again.
+    The previous scene of the client is deleted first, so that the objects of the new scene get the same numbers in
+    Dr.Jit's registry, and compiled kernels can be used again.
     """
     known, estimator = scenes.pop(client, (b"", None))
     if estimator is None or known != content:
@@ -63,10 +60,8 @@ def load(client: str, content: bytes) -> Estimator:
 
 
 def pickled(value: Any) -> bytes:
-    """Returns ``value`` in pickled form.
-
-    When the result is unpickled, Dr.Jit arrays are made by :func:`..compat.dr_array`, so that kernels are not compiled
-    again because of another memory alignment.
+    """Returns ``value`` in pickled form, in which :func:`..compat.dr_array` makes the Dr.Jit arrays, so that kernels
+    are not compiled again because of another memory alignment.
     """
     content = io.BytesIO()
     pickler = pickle.Pickler(content)
@@ -85,16 +80,12 @@ def packed(item: WorkItem) -> bytes:
 def sample(
     client: str, expected: Mapping[str, str], scene: bytes, item: bytes
 ) -> tuple[float, bytes, Mapping[str, str]]:
-    """Computes a work item on this worker, and returns ``(seconds, sums, environment)``.
+    """Computes a :func:`packed` work item on this worker; returns the seconds, the pickled new sums of the pixels, and
+    the environment of this worker: variant, software versions and processor.
 
-    ``scene`` is a pickled :class:`.SceneBundle`, and ``item`` a :func:`packed` work item. ``sums`` are the pickled new
-    sums of the pixels. ``environment`` is the variant, the software versions and the processor of this worker. If this
-    worker has another variant or other software versions than ``expected``, the samples are not taken, and ``sums`` is
-    empty.
-
-    A worker renders with the number of threads that Dask assigns to this worker. A worker in the same process as the
-    client does not change the number of threads of this process. Raises ImportError or RuntimeError if the worker
-    cannot use the variant.
+    ``scene`` is a pickled :class:`.SceneBundle`. A worker with another variant or other versions than ``expected``
+    takes no samples. The worker uses the threads that Dask assigns to it, unless it is in the client's process. Raises
+    ImportError or RuntimeError if it cannot use the variant.
     """
     dask_worker = distributed.get_worker()
 
@@ -112,7 +103,7 @@ def sample(
 
 
 def timed_sums(estimator: Estimator, item: bytes) -> tuple[float, bytes]:
-    """Computes a :func:`packed` work item; returns ``(seconds, sums)``, without the time for pickling."""
+    """Computes a :func:`packed` work item; returns the seconds, without those for pickling, and the pickled sums."""
     with alone():
         work_item = WorkItem(estimator, *pickle.loads(item))
     started = time.perf_counter()

@@ -8,16 +8,16 @@ import mitsuba as mi
 
 
 def can_light(background: Any) -> bool:
-    """Whether the ``background`` is None, a constant colour or a bitmap, which an emitter can replace."""
+    """Whether the ``background`` of an integrator is None, a constant colour or a bitmap, so that it can light."""
     return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 
 def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
-    """Returns a new scene with the shapes and emitters of ``scene``, with ``background`` as an additional emitter, and
-    without a sensor.
+    """Returns a new scene with the same shapes and emitters, with ``background`` as a further emitter, without a
+    sensor.
 
-    The new scene contains the same objects as ``scene``, not copies, because Dr.Jit traces all BSDFs and emitters that
-    exist. Raises ValueError if the background varies in space and is not a bitmap.
+    The objects are not copied, because Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError if the
+    background varies in space and is not a bitmap.
     """
     if not can_light(background):
         raise ValueError(

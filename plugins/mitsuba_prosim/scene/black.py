@@ -21,14 +21,12 @@ IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the P
 def reason(
     scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
-    """Returns a message with the reason why a rendered image is black, and a remedy; None if the image is not black.
+    """Returns why a rendered image is black, and a remedy, in words; None if it is not black.
 
     ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``. The
-    image counts as black if all its colours are below :data:`BLACK`, half of the darkest grey value of a PNG; NaN
-    values are ignored. ``brighter`` is the text of the advice for an image that is not completely black, but too dark
-    to be seen; ``{}`` in this text is replaced by the exposure, in stops, that makes the image bright. The default is
-    :data:`IN_THE_PNG`. In scalar variants, the message is less exact, because no camera rays are traced to find the
-    reason.
+    image is black if all its colours are NaN or below :data:`BLACK`. ``brighter`` is the advice for an image that is
+    only too dark, in which ``{}`` is replaced by the exposure, in stops, that makes it bright. Scalar variants trace no
+    camera rays, so their reason is less exact.
     """
     brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
     if brightest >= BLACK:
@@ -46,14 +44,10 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """Returns the reason why the image of a scene with lights is black, as a text that completes "the picture is black:
-    ".
+    """Returns why a scene with lights is black, by :data:`SIDE` x :data:`SIDE` camera rays, and a point on a light for
+    each surface point that they meet.
 
-    The function traces camera rays through a regular grid of :data:`SIDE` x :data:`SIDE` points of the image. For each
-    surface point that a camera ray meets, the function samples one point on a light source.
-
-    The sampled points on light sources follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of
-    Quasirandom Sequences".
+    These points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)

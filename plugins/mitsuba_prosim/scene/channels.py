@@ -11,11 +11,10 @@ from ..engine.accumulators import BRIGHTEST
 
 
 def parse_factor(text: str) -> tuple[str, np.ndarray]:
-    """Returns the name of a layer and its factor from a text such as ``lamp1=0.5`` or ``lamp1=1,0.8,0.6`` (red, green,
-    blue), for :func:`mixed`.
+    """Returns the name of a layer and its factor, for :func:`mixed`, from a text such as ``lamp1=0.5`` or
+    ``lamp1=1,0.8,0.6`` (red, green, blue).
 
-    Raises ValueError if the text has another form, or if a number of the factor is negative or above
-    :data:`.BRIGHTEST`.
+    Raises ValueError for another form, and for a number that is negative or above :data:`.BRIGHTEST`.
     """
     name, _, values = text.partition("=")
     factor = np.array(values.split(","), dtype=np.float64)
@@ -27,11 +26,10 @@ def parse_factor(text: str) -> tuple[str, np.ndarray]:
 def mixed(
     layers: Mapping[str, np.ndarray], factors: Iterable[tuple[str, np.ndarray]]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Multiplies ``layers`` by ``factors``, and returns ``(sum, layers)``: the sum of all layers after the
-    multiplication, and these layers.
+    """Multiplies ``layers``, each of shape (height, width, 3), by ``factors``; returns their sum, and the layers.
 
-    Each layer has the shape (height, width, 3). ``factors`` are pairs (name of a layer, factor); a factor has one
-    number, or three numbers for red, green and blue. Raises KeyError if ``factors`` contains a name that no layer has.
+    ``factors`` are pairs of a layer's name and one number, or three for red, green and blue. Raises KeyError for a name
+    that no layer has.
     """
     result = dict(layers)
     for name, factor in factors:
@@ -40,11 +38,9 @@ def mixed(
 
 
 def planes(prefix: str, image: np.ndarray, colours: Sequence[str] = "RGB") -> dict[str, np.ndarray]:
-    """Returns the channels of ``image``, shape (height, width, 1 or 3), as a dictionary: name -> array of shape
-    (height, width).
+    """Returns the channels of ``image``, shape (height, width, 1 or 3): name, such as ``raw.R`` -> array.
 
-    The name of a channel is ``prefix`` plus the name of the colour, such as ``raw.R``. If ``image`` has only one
-    channel, each of the ``colours`` gets the values of this channel, because films store three colours.
+    Films store three colours, so each of the ``colours`` of a grey image has its values.
     """
     return {prefix + name: image[..., k % image.shape[2]] for k, name in enumerate(colours)}
 

@@ -27,10 +27,9 @@ class OutsideError(ValueError):
 def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str, str], int, int]]:
     """Returns ``(tag, attributes, line, column)`` for each XML element in the ``content`` of a file, in its order.
 
-    If ``strict`` is true, the function raises ValueError for all content that Mitsuba's parser may read in another way:
-    content that is not well-formed XML in UTF-8, a document type, and a processing instruction. If ``strict`` is false,
-    the content must only be well-formed. In both cases, elements that are nested more than :data:`MAX_DEPTH` deep raise
-    ValueError, too, because Mitsuba's parser may lack memory for them.
+    Raises ValueError for content that is not well-formed, and for elements that are nested more than :data:`MAX_DEPTH`
+    deep, for which Mitsuba's parser may lack memory. If ``strict`` is true, also for all that Mitsuba's parser may read
+    in another way: another encoding than UTF-8, a document type, and a processing instruction.
     """
     parser = expat.ParserCreate("utf-8" if strict else None)
     found, levels = list[tuple[str, Mapping[str, str], int, int]](), list[str]()
@@ -66,23 +65,20 @@ class Confinement:
     """Checks that a scene uses only files below the allowed ``folders``, and files of Mitsuba's installation.
 
     The first of ``folders`` is the folder of the scene file. A symbolic link counts as the file or folder to which it
-    leads. For a file that is not allowed, the methods raise :class:`OutsideError` before Mitsuba opens the file. The
-    checks do not protect against an attacker who replaces a file in an allowed folder after the check, but before
-    Mitsuba reads the file.
+    leads. For another file, the methods raise :class:`OutsideError` before Mitsuba opens it. An attacker who replaces a
+    file between the check and the reading is not stopped.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
         self._folders, self._includes = [os.path.realpath(folder) for folder in folders], 0
 
     def check_text(self, path: Path, folders: dict[str, None] | None = None) -> None:
-        """Checks all files that Mitsuba's parser may open while it parses the XML file ``path``; call this method
-        before parsing.
+        """Checks, before parsing, all files that Mitsuba's parser may open while it parses the XML file ``path``.
 
-        ``folders`` are the folders in which Mitsuba may search for files; this method adds folders that it finds. This
-        method does not check the files that ``<string>`` parameters of plugins name; :meth:`check_state` checks these
-        files. Raises OutsideError if a file is not allowed, if the name of a file contains a ``$key`` parameter, if
-        :func:`elements` refuses an XML file, or if more than :data:`MAX_INCLUDES` files are included. Raises OSError if
-        the file ``path`` or an included XML file cannot be read.
+        ``folders`` are the folders in which Mitsuba may search for files, to which this method adds those that it
+        finds. :meth:`check_state` checks the files that ``<string>`` parameters name. Raises OutsideError if a file is
+        not allowed, if a name contains a ``$key`` parameter, for XML that :func:`elements` refuses, and for more than
+        :data:`MAX_INCLUDES` includes. Raises OSError for a file that cannot be read.
         """
         folders = dict.fromkeys(map(str, mi.file_resolver())) if folders is None else folders
         folders[str(path.parent)] = None
@@ -109,9 +105,8 @@ class Confinement:
                 self.check_text(Path(place), folders)
 
     def check_state(self, state: mi.parser.ParserState) -> None:
-        """Checks the XML files that the parser has read, the names of plugins, and all files that plugins would open
-        because a string parameter contains the name of the file. ``state`` is the parsed scene. Raises OutsideError for
-        the first file or plugin that is not allowed.
+        """Checks the XML files of the parsed scene ``state``, the names of its plugins, and all files that string
+        parameters name. Raises OutsideError for the first that is not allowed.
         """
         for file in map(str, state.files):
             if wrong := self._refusal("an <include>", file, file):
@@ -125,13 +120,10 @@ class Confinement:
                     raise OutsideError(f"At {mi.parser.file_location(state, node)}: {wrong}")
 
     def _refusal_of_value(self, plugin: str, name: str, value: str) -> str | None:
-        """Returns an error message if the string parameter ``name`` of a plugin names a file that is not allowed, else
-        None.
+        """Returns an error message if the string parameter ``name`` of a ``plugin`` names a file that is not allowed.
 
-        ``plugin`` is the name of the plugin that has the parameter. ``value`` is the value of the parameter, which may
-        be the name of a file, the name of a material for which Mitsuba opens the :data:`.MATERIAL_FILES`, or any other
-        text. If ``name`` is "type", the function checks instead that the name ``plugin`` consists of letters, digits,
-        "_" and "-", and that Mitsuba cannot load ``plugin`` from a file outside Mitsuba's installation.
+        The ``value`` may be the name of a file or of a material, whose :data:`.MATERIAL_FILES` Mitsuba opens, or any
+        other text. If ``name`` is "type", the plugin itself must be one of Mitsuba.
         """
         resolver = mi.file_resolver()
         if name == "type":
@@ -148,13 +140,10 @@ class Confinement:
         return None
 
     def _refusal(self, what: str, name: str, *places: str) -> str | None:
-        """Returns an error message if a file is neither in an allowed folder nor in Mitsuba's installation; None if the
-        file is allowed.
+        """Returns an error message if one of ``places``, all paths at which Mitsuba may find a file, is not allowed.
 
-        ``what`` describes, in words for the message, the XML element or the parameter that contains the name of the
-        file. ``name`` is the name of the file as the scene contains it. ``places`` are all paths at which Mitsuba may
-        find the file; each of these paths must be allowed. A relative path at which no file exists counts as a path in
-        the folder of the scene file.
+        ``what`` describes the element or parameter that contains the ``name`` of the file. A relative path at which no
+        file exists counts as a path in the folder of the scene file.
         """
         for path in places:
             if not os.path.isabs(path) and not os.path.exists(path):
@@ -170,10 +159,8 @@ class Confinement:
         return None
 
     def _is_installed(self, path: str) -> bool:
-        """Tells whether the file ``path`` is in the folder of Mitsuba's installation.
-
-        The function does not follow symbolic links, because links in Mitsuba's installation are trusted, even if they
-        lead to other folders. A path that contains ".." never counts as a part of Mitsuba's installation.
+        """Tells whether ``path`` is in the folder of Mitsuba's installation, whose symbolic links are trusted. A path
+        that contains ".." is not.
         """
         inside = map(Path(os.path.abspath(path)).is_relative_to, (INSTALLED, os.path.realpath(INSTALLED)))
         return ".." not in re.split(r"[/\\]", path) and any(inside)

@@ -16,14 +16,12 @@ from .session import message
 
 
 def with_line(words: str, scene: Path | None = None) -> str:
-    """Returns an error message, followed by the line of the XML file to which the message refers, and a caret (^) below
-    the column of the error. If no line can be shown, returns the message alone.
+    """Returns the error message ``words``, followed by the line of the XML file to which it refers, with a caret (^)
+    below the column, if the line can be shown.
 
-    ``words`` is the error message. If the message contains several positions (file, line and column), the last position
-    whose line can be shown is used, because Mitsuba names an included file after the file that includes it. If
-    ``scene`` is the path of a scene file, only lines of this file and of files in its folder and subfolders are shown.
-    If lines of other files were shown, an untrusted scene could reveal any file, because the scene can put the name of
-    any file into the error message.
+    Of several positions, the last one is used, because Mitsuba names an included file after the file that includes it.
+    If ``scene`` is the path of a scene file, only lines of files in its folder and below are shown: an untrusted scene
+    can put the name of any file into a message, whose line would reveal this file.
     """
     for place in reversed(list(PLACE.finditer(words))):
         path = Path(place[1])
@@ -34,7 +32,6 @@ def with_line(words: str, scene: Path | None = None) -> str:
 
 
 def _line(path: Path, line: int, column: int) -> str:
-    """Returns a line of an XML file, with a caret below ``column``; an empty text if there is none."""
     if path.suffix != ".xml":
         return ""
     try:
@@ -47,12 +44,10 @@ def _line(path: Path, line: int, column: int) -> str:
 
 
 def with_suggestion(words: str) -> str:
-    """Returns an error message, with the name of a similar plugin added if the message says that a plugin does not
-    exist, and if there is a similar plugin.
+    """Returns the error message ``words``, and the name of a similar plugin of the same kind if a plugin does not
+    exist.
 
-    ``words`` is the error message. The suggested plugin has the same kind as the missing plugin; for example, both are
-    BSDFs. If the message does not tell the kind of the missing plugin ("unknown"), the suggested plugin may have any
-    kind.
+    If the message does not tell the kind ("unknown"), the suggested plugin may have any kind.
     """
     found = NOT_FOUND.search(words)
     if found is None:
@@ -66,11 +61,8 @@ def with_suggestion(words: str) -> str:
 
 
 def check_images(document: prosim_scene.Document) -> None:
-    """Reads all image files of a scene with Mitsuba; raises :class:`prosim_scene.SceneError` for the first image that
-    Mitsuba cannot read.
-
-    The error message tells where the scene's text names the damaged image. This check is needed, because the translator
-    of the scene language checks only the first bytes of an image file.
+    """Reads all image files of a scene, of which the translator checks only the first bytes; raises
+    :class:`prosim_scene.SceneError`, with its place in the scene's text, for the first image that Mitsuba cannot read.
     """
     folder = Path(document.source.filename).parent
     for name, way in prosim_scene.images(document):  # ``way``: where the scene's text names the image

@@ -31,12 +31,11 @@ STORED = re.compile(CHECKSUM.encode() + rb"\0string\0\x20\0\0\0([0-9a-f]{32})")
 def encode(
     bitmap: mi.Bitmap, facts: Mapping[str, str], exposure: float = 0.0, shown: Mapping[str, str] | None = None
 ) -> dict[str, bytes]:
-    """Returns the contents of an EXR file with the metadata ``facts`` and of a PNG file with the metadata ``shown``, as
-    a dictionary: suffix of the file -> content.
+    """Returns the contents of an EXR file with the metadata ``facts`` and of a PNG file with the metadata ``shown``:
+    suffix of the file -> content. A film without colours has no PNG.
 
-    The PNG is brighter than the film by ``exposure`` stops. In the PNG, the highlights are compressed by
-    :func:`compress`, and values that are still above 1 are clipped. The EXR has the unchanged values of the film. If
-    the film has no colours, the dictionary contains no PNG. The EXR also has a :func:`checksum` of the PNG.
+    The PNG is brighter by ``exposure`` stops, with highlights that :func:`compress` has compressed, and clipped. The
+    EXR has the values of the film, and a :func:`checksum` of the PNG.
     """
     linear = colours(bitmap)
     if linear is None:
@@ -46,10 +45,8 @@ def encode(
 
 
 def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
-    """Returns the linear colours of a film's image, as an array of shape (height, width, 3).
-
-    Grey values and XYZ colours are converted to RGB; the film's AOVs are left out. Returns None if the film stores
-    values that are not colours, such as spectral bins.
+    """Returns the linear colours of a film's image, shape (height, width, 3), without AOVs; None if the film stores
+    values that are not colours, such as spectral bins. Grey values and XYZ colours are converted to RGB.
     """
     layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
@@ -66,11 +63,9 @@ def compress(rgb: np.ndarray) -> np.ndarray:
     """Returns the image ``rgb`` with compressed highlights, by the tone curve of Reinhard and others (2002, equation
     4).
 
-    ``rgb`` is the linear radiance, shape (height, width, 3), with white at 1. The tone curve is applied to the
-    luminance of each pixel, so the ratios of red, green and blue do not change. The tone curve maps the 99th percentile
-    of the image's luminance to 1 (white), or the luminance 1 if the percentile is below 1. After the compression,
-    pixels brighter than the 99th percentile, and single channels of saturated colours, may still be above 1. The image
-    does not change if the 99th percentile is at most 1, or if the image contains NaN.
+    ``rgb`` is linear, shape (height, width, 3), with white at 1. The curve is applied to the luminance, so the ratios
+    of red, green and blue do not change. It maps the 99th percentile of the image's luminance to 1, or 1 if the
+    percentile is below 1. The image does not change if the percentile is at most 1, or if the image contains NaN.
     """
     light = np.maximum(luminance(rgb), 0)[..., None]
     white = max(1.0, float(np.percentile(light, 99)))
@@ -78,10 +73,11 @@ def compress(rgb: np.ndarray) -> np.ndarray:
 
 
 def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
-    """Returns the content of an OpenEXR file with the channels of ``bitmap`` and the metadata ``facts``.
+    """Returns the content of an OpenEXR file with the channels of ``bitmap``, in its precision, and the metadata
+    ``facts``.
 
-    In the file, the channels have the same names and the same precision as in ``bitmap``. The OpenEXR library writes
-    the file, because Mitsuba 3.9 hangs when it writes an EXR file with fewer than three threads.
+    The OpenEXR library writes the file, because Mitsuba 3.9 hangs when it writes an EXR file with fewer than three
+    threads.
     """
     pixels = np.atleast_3d(np.array(bitmap))
     # The name of a file may contain bytes that are not UTF-8.
@@ -95,7 +91,9 @@ def exr(bitmap: mi.Bitmap, facts: Mapping[str, str]) -> bytes:
 
 
 def is_whole(content: bytes) -> bool | None:
-    """Tells whether an EXR file agrees with its checksum; None if it has none, as by another program."""
+    """Tells whether the ``content`` of an EXR file agrees with its checksum, so that each bit is that of :func:`exr`;
+    None if the file has no checksum, so that another program has written it.
+    """
     stored = STORED.search(content)
     return (
         stored
@@ -104,8 +102,8 @@ def is_whole(content: bytes) -> bool | None:
 
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
-    """Returns the content of a PNG file (sRGB, 8 bits) with a linear image, shape (height, width, 3), whose white is 1.
-    Values outside [0, 1] are clipped.
+    """Returns the content of a PNG file (sRGB, 8 bits) with a linear image, shape (height, width, 3); values outside
+    [0, 1] are clipped.
 
     ``facts`` are the metadata. ``effort`` is the compression level of zlib, 1 to 9; -1 for the default level.
     """

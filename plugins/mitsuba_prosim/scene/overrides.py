@@ -41,14 +41,13 @@ def apply(
     """Changes the film and the integrators of a parsed scene; returns in words what became of the scene's integrator,
     such as "path within prosim_adaptive", or None.
 
-    ``resolution`` is the new size (width, height) of the film and ``crop`` the new crop window (x, y, width, height),
-    both in pixels; None changes nothing. ``parameters`` are new values for parameters of the integrator; the value None
-    deletes a parameter from the scene. Parameters of sampling, such as ``samples``, are set for the outermost
-    integrator. If the outermost integrator is neither ``prosim`` nor ``prosim_adaptive``, a parameter in
-    :data:`WRAPPING`, such as ``noise``, nests the integrator in ``prosim_adaptive``. All parameters that do not concern
-    sampling are set for every integrator ``prosim`` in the scene. If there is none, the parameter ``diffuse_bounces``
-    replaces the scene's integrator by ``prosim``. A scene without an integrator first gets Mitsuba's default, ``path``.
-    Raises ValueError if a film cannot have this size, or if no integrator of the scene has the parameters.
+    ``resolution`` is the new size (width, height) and ``crop`` the new crop window (x, y, width, height) in pixels, or
+    None. ``parameters`` are new values for parameters of the integrator; None deletes a parameter. Parameters of
+    sampling, such as ``samples``, are set for the outermost integrator, which those in :data:`WRAPPING`, such as
+    ``noise``, nest in ``prosim_adaptive`` if it is of Mitsuba. All others are set for every integrator ``prosim``; if
+    there is none, ``diffuse_bounces`` replaces the scene's integrator by ``prosim``. A scene without an integrator
+    first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has
+    the parameters.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _set(props, zip(("width", "height"), resolution or ()))
@@ -107,11 +106,8 @@ def _options(parameters: Iterable[str]) -> str:
 
 
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
-    """Replaces every sampler of a parsed scene by the sampler ``plugin``, with the same number of samples per pixel.
-    Other parameters of a replaced sampler are dropped.
-
-    A sensor without a sampler gets a sampler with four samples per pixel, the number that Mitsuba also uses by default.
-    A sampler whose number of samples is not given gets four samples per pixel, too.
+    """Replaces every sampler of a parsed scene by the sampler ``plugin`` with as many samples, Mitsuba's default four
+    if the scene does not say.
     """
     types = [node.type for node in state.nodes]
     for number, kind in enumerate(types):
@@ -131,10 +127,8 @@ def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:
 
 
 def _add(state: mi.parser.ParserState, kind: mi.ObjectType, props: mi.Properties) -> mi.Properties.ResolvedReference:
-    """Adds an object of the type ``kind``, with the properties ``props``, to a parsed scene; returns a reference to the
-    object.
-
-    Nodes that the caller took from ``state.nodes`` before this call become invalid.
+    """Adds an object to a parsed scene; returns a reference to it. Nodes that were taken from ``state.nodes`` before
+    become invalid.
     """
     node = mi.parser.SceneNode()
     node.type, node.props = kind, props
@@ -143,7 +137,7 @@ def _add(state: mi.parser.ParserState, kind: mi.ObjectType, props: mi.Properties
 
 
 def _set(props: mi.Properties, parameters: Iterable[tuple[str, Any]]) -> None:
-    """Sets the properties ``parameters`` in ``props``; a property whose new value is None is deleted."""
+    """Sets ``parameters`` in ``props``; deletes those whose new value is None."""
     for name, value in parameters:
         if value is not None:
             props[name] = value

@@ -16,15 +16,12 @@ from ..sampling.hash import combine, hash32
 
 
 def is_progressive(integrator: mi.Integrator) -> bool:
-    """Tells whether an integrator renders progressively, so that the image can be shown before it is finished.
-
-    Only the integrators ``prosim`` and ``prosim_adaptive`` can render progressively, and not in scalar variants.
-    """
+    """Tells whether an integrator renders progressively: ``prosim`` and ``prosim_adaptive``, not in scalar variants."""
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
 
 def require_progressive(integrator: mi.Integrator, what: str) -> None:
-    """Raises ValueError, in which ``what`` needs it, if an integrator does not render progressively."""
+    """Raises ValueError if an integrator does not render progressively, as ``what``, an option or a function, needs."""
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
@@ -36,11 +33,11 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
 
 def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int = 0, spp: int = 0, **how: Any) -> Any:
     """Returns a new render, an iterator over its steps: a :class:`.Render`, or a :class:`Blocking` if
-    :func:`is_progressive` is false, also for ``prosim`` in scalar variants.
+    :func:`is_progressive` is false.
 
     ``spp`` is the number of samples of each pixel; 0 stands for the number in the scene. ``how`` are further arguments
-    for the integrator's method ``progressive``; of these arguments, :class:`Blocking` uses only ``measure``. Raises
-    ValueError if not each pixel can get exactly ``spp`` samples.
+    for the integrator's method ``progressive``, of which :class:`Blocking` uses only ``measure``. Raises ValueError if
+    not each pixel can get exactly ``spp`` samples.
     """
     in_halves = how.get("measure") is not None
     if spp > 0 and (taken := samples_taken(integrator, sensor, spp, 1 + in_halves)) != spp:
@@ -52,10 +49,8 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
 
 
 def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images: int = 1) -> int:
-    """Returns the number of samples of each pixel, in ``images`` images together, if ``spp`` samples are requested.
-
-    The images get equally many samples. The sensor's sampler, which only progressive integrators do not use, may round
-    their number up.
+    """Returns the number of samples of each pixel, in equal ``images`` together, if ``spp`` are requested, which the
+    sensor's sampler may round up; progressive integrators do not use it.
     """
     each = -(-spp // images)
     if not is_progressive(integrator) and "denoised.R" not in integrator.aov_names():  # prosim_denoised counts itself
@@ -66,11 +61,11 @@ def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images
 
 
 class Blocking(Steps):
-    """Renders a whole image in one :class:`.Step`, but has the same interface as the progressive :class:`.Render`.
+    """Renders a whole image in one :class:`.Step`, with an integrator that does not render progressively, but with the
+    interface of :class:`.Render`.
 
-    This class is for integrators that do not render progressively. If ``in_halves`` is true, this class renders two
-    independent images in two steps, each with half of the samples, rounded up. ``spp`` is the number of samples per
-    pixel; 0 means the number of the sensor's sampler.
+    ``spp`` is the number of samples per pixel; 0 means that of the sensor's sampler. If ``in_halves`` is true, two
+    independent images are rendered in two steps, each with half of the samples, rounded up.
     """
 
     #: A progressive :class:`.Render` may have a second image and measured errors; this class has neither.
@@ -79,9 +74,6 @@ class Blocking(Steps):
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, in_halves: bool = False
     ) -> None:
-        """Prepares the render; the steps of the iterator render the images. ``spp`` is the number of samples per pixel,
-        of both images together if ``in_halves`` is true; 0 means the number of the sensor's sampler.
-        """
         check_samples(sensor, spp)
         self._in_halves, self._sensor, self._spp = in_halves, sensor, spp
         self._images: list[mi.TensorXf] = []
@@ -89,7 +81,6 @@ class Blocking(Steps):
         self.close = self._steps.close  # no further image is rendered
 
     def _render(self, integrator: Any, scene: mi.Scene, seed: int) -> Generator[Step, None, None]:
-        """Renders one image, or two with half of the samples each; yields a :class:`.Step` after each."""
         seeds, sensor = [seed], self._sensor
         if self._in_halves:
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
@@ -103,14 +94,12 @@ class Blocking(Steps):
             yield Step(number / len(seeds), number == len(seeds))
 
     def half_images(self) -> list[np.ndarray]:
-        """Returns the developed images so far, (height, width, channels): two in halves, else one."""
+        """Returns the developed images so far, shape (height, width, channels): at most one, or two in halves."""
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel so far, shape (height, width). At least one image must have been
-        rendered.
-
-        The sampler may round the requested number of samples; the returned numbers are those after rounding.
+        """Returns the number of samples of each pixel so far, shape (height, width), as the sampler has rounded it. At
+        least one image must have been rendered.
         """
         sampler = self._sensor.sampler().clone()
         sampler.set_sample_count(self._spp or sampler.sample_count())

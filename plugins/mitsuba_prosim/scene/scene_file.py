@@ -27,7 +27,7 @@ COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 class SceneFile:
-    """A parsed scene file, read only once; each call of :meth:`load` makes a new scene from it."""
+    """A parsed scene file, which is read only once; each call of :meth:`load` makes a new scene."""
 
     def __init__(
         self,
@@ -108,13 +108,12 @@ class SceneFile:
             raise ValueError(f"{self.path}: {error}") from None
 
     def digest(self) -> str:
-        """Returns a SHA-256 digest of the scene's content after the ``$name`` constants are replaced, and of the
-        contents of all files that the scene uses.
+        """Returns a SHA-256 digest of the scene's content, with the values of its ``$name`` constants, and of the files
+        that it uses.
 
-        For an XML scene, the digest does not depend on the arguments ``resolution``, ``crop`` and ``integrator``. For a
-        scene in the scene language, the digest depends on ``resolution`` and on the number of samples, which the
-        translator writes, but not on ``crop`` and the other parameters of the integrator. The digest does not depend on
-        comments, names of files and formats of numbers.
+        The digest does not depend on comments, names of files and formats of numbers, nor on ``resolution``, ``crop``
+        and ``integrator``, except for ``resolution`` and the number of samples that the translator of the scene
+        language writes.
         """
         state = mi.parser.ParserState(self._unchanged)
         for props, name, path in self._file_parameters(state):
@@ -125,8 +124,8 @@ class SceneFile:
     def named_files(self) -> list[tuple[str, Path]]:
         """Returns ``(name, path)`` for each XML file of the scene, and then for each other file that the scene uses.
 
-        ``name`` is the name of the file as in the scene's text, after the ``$name`` constants are replaced. For an XML
-        file, ``name`` does not contain the folder.
+        ``name`` is the name in the scene's text, with the values of its ``$name`` constants; that of an XML file has no
+        folder.
         """
         texts = [(path.name, path) for path in map(Path, map(str, self.state.files))]
         files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
@@ -136,12 +135,9 @@ class SceneFile:
     def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that the XML file ``text`` or a file included in it uses.
 
-        ``folders`` is the search path. ``values`` are the values of the ``$key`` parameters; this method adds the
-        values of the elements ``default`` that it finds. Mitsuba's parser replaces the names of spectrum files by the
-        content of these files, so this method searches the XML text for the names. As in Mitsuba's parser, a file is
-        taken from the first folder of the search path that contains the file, and the first value that is set for a
-        ``$key`` parameter is used. For an included XML file, the folder of the including file is the first folder of
-        the search path.
+        Mitsuba's parser replaces the names of spectrum files by their content, so this method searches the text, and,
+        like the parser, the search path ``folders``. It adds the values of the elements ``default`` to the ``values``
+        of the ``$key`` parameters.
         """
         folders = [*folders]
         try:
@@ -168,9 +164,8 @@ class SceneFile:
                 yield from self._spectrum_files(Path(place), search, values)
 
     def sources(self) -> list[Path]:
-        """Returns the paths of the files that the scene uses, except for files that the translator wrote.
-
-        The list contains the scene file itself if the scene file is XML, but not if it is in the scene language.
+        """Returns the paths of the files that the scene uses, except for a file in the scene language itself, and for
+        the files that the translator wrote.
         """
         if self.document is None:
             return [path for _, path in self.named_files()]
@@ -178,12 +173,7 @@ class SceneFile:
         return [prosim_scene.located(self.path.parent, name) for name in names]
 
     def _file_parameters(self, state: mi.parser.ParserState) -> Iterator[tuple[mi.Properties, str, Path]]:
-        """Yields ``(properties, name, path)`` for each parameter of the scene whose value is the name of an existing
-        file. The caller may change the parameter.
-
-        ``properties`` are the properties of the object that has the parameter. ``name`` is the name of the parameter,
-        and ``path`` is the path of the file.
-        """
+        """Yields ``(properties, name, path)`` for each parameter ``name`` whose value names an existing file."""
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
                 path = Path(str(self._resolver.resolve(props[name])))
@@ -191,12 +181,11 @@ class SceneFile:
                     yield props, name, path
 
     def load(self, sampler: str | None = None) -> mi.Scene:
-        """Makes a scene from the parsed file.
+        """Makes a scene from the parsed file; ``sampler`` is the name of a plugin that replaces its samplers, see
+        :func:`.overrides.set_sampler`.
 
-        ``sampler`` is the name of a sampler plugin that replaces the samplers of the scene, see
-        :func:`.overrides.set_sampler`; None keeps the samplers. Raises Mitsuba's errors. If a scene in the scene
-        language uses a damaged image, the method raises :class:`prosim_scene.SceneError`, which tells where the scene's
-        text names the image.
+        Raises Mitsuba's errors, and :class:`prosim_scene.SceneError` for a damaged image of a scene in the scene
+        language.
         """
         state = mi.parser.ParserState(self.state)
         if sampler:
@@ -214,11 +203,11 @@ class SceneFile:
 def parse(
     path: str | Path, parameters: Mapping[str, str], unused: mi.LogLevel = mi.LogLevel.Error
 ) -> mi.parser.ParserState:
-    """Parses an XML scene file with Mitsuba's parser, and returns the parsed scene (the state of the parser).
+    """Returns the state of Mitsuba's parser after an XML scene file.
 
-    ``parameters`` are the values that replace the ``$key`` constants of the scene. ``unused`` is the log level of the
-    message that the scene does not use an entry of ``parameters``. Raises ValueError if ``parameters`` contains a name
-    that Mitsuba reserves and for a sampler without samples, and the errors of Mitsuba's parser.
+    ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about one that
+    the scene does not use. Raises ValueError for a name that Mitsuba reserves and for a sampler without samples, and
+    the errors of the parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -239,11 +228,8 @@ def instantiate(state: mi.parser.ParserState) -> mi.Scene:
 
 
 def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Returns those of ``names`` that occur as ``$name`` in the scene file ``path`` or, if this file is XML, in a file
-    that it includes. Occurrences in comments count, too.
-
-    ``definitions`` are the values of the ``$name`` constants, with which an XML file is parsed to find the included
-    files.
+    """Returns those of ``names`` that occur as ``$name``, also in comments, in the scene file ``path`` or in a file
+    that it includes. ``definitions`` are the values of the constants.
     """
     files = [path]
     if Path(path).suffix.lower() == ".xml":
@@ -255,11 +241,9 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
 
 
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """Returns the sensor with this index.
+    """Returns the sensor with this index. The messages begin with those of Mitsuba's own command ``mitsuba``.
 
-    The error messages of this function begin with the same text as the error messages of Mitsuba's own command
-    ``mitsuba``. Raises TypeError if ``scene`` is not a scene but another object, and ValueError if the scene has no
-    sensor with this index.
+    Raises TypeError if ``scene`` is not a scene, and ValueError if it has no sensor with this index.
     """
     if not isinstance(scene, mi.Scene):
         raise TypeError("Root element of the input file must be a <scene> tag!")

@@ -40,10 +40,10 @@ def default_variant() -> str:
 
 
 def set_variant(variant: str | None = None) -> str:
-    """Sets Mitsuba's variant, loads the plugins of all installed packages, and returns the name of the variant.
+    """Sets Mitsuba's variant, :func:`default_variant` if it is None, loads all plugins, and returns the name of the
+    variant.
 
-    Without ``variant``, the default is :func:`default_variant`. Raises ImportError if the installed Mitsuba does not
-    have the variant, and RuntimeError if this machine lacks the backend of the variant.
+    Raises ImportError if Mitsuba does not have the variant, and RuntimeError if this machine lacks its backend.
     """
     variant = variant or default_variant()
     if variant in mi.variants() and not has_backend(variant):
@@ -59,11 +59,8 @@ def set_variant(variant: str | None = None) -> str:
 
 
 def load_plugins() -> None:
-    """Imports the plugin modules of all installed packages: the modules of the entry points in the group ``mitsuba``,
-    which register plugins.
-
-    Mitsuba 3.10 and later import the modules of these entry points themselves; Mitsuba 3.9 does not. If the plugins of
-    a package cannot be loaded, this function warns and continues.
+    """Imports the modules of the entry points in the group ``mitsuba``, which register the plugins of all installed
+    packages, as Mitsuba 3.10 does itself. Warns if a module cannot be loaded.
     """
     for entry in entry_points(group="mitsuba"):
         try:
@@ -73,16 +70,16 @@ def load_plugins() -> None:
 
 
 def message(error: BaseException) -> str:
-    """Returns the messages of an exception and of its cause, without Python tracebacks and without references to lines
-    of Mitsuba's source code. If the message says that a plugin does not have some parameters, the message is shortened
-    to the name of the plugin and the names of these parameters. For a plugin of this package, similar parameters or all
-    its parameters are added.
+    """Returns the messages of an exception and of its cause, without Python tracebacks and lines of Mitsuba's source
+    code.
+
+    The message that a plugin lacks some parameters is shortened to their names, with similar or all parameters of a
+    plugin of this package.
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
 
     def shortened(found: re.Match[str]) -> str:
-        """Returns the short form of a match of :data:`NO_PARAMETER`."""
         names = re.findall(r'- \w+ "([^"\n]+)":', found[2])
         known = registry.parameters(found[1])
         near = [word for name in names for word in difflib.get_close_matches(name, known, 1)]
@@ -94,10 +91,8 @@ def message(error: BaseException) -> str:
 
 @contextmanager
 def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = ()) -> Iterator[mi.FileResolver]:
-    """Inside the ``with`` block, Mitsuba's search path begins with the folders ``first`` and ends with the folders
-    ``last``.
-
-    Yields the search path. Other threads that call this function wait until the ``with`` block ends.
+    """Inside the ``with`` block, Mitsuba's search path, which is yielded, begins with the folders ``first`` and ends
+    with the folders ``last``. Other threads that call this function wait.
     """
     with alone():
         before = mi.file_resolver()
@@ -125,10 +120,9 @@ def threads(count: int | None) -> Iterator[None]:
 
 
 def enough_threads(reads_exr: bool = True) -> AbstractContextManager[None]:
-    """Inside the ``with`` block, Dr.Jit has at least :data:`~mitsuba_prosim.compat.EXR_THREADS` threads, which Mitsuba
-    needs to read an EXR file.
+    """Inside the ``with`` block, Dr.Jit has the :data:`~mitsuba_prosim.compat.EXR_THREADS` threads that Mitsuba needs
+    to read an EXR file.
 
-    If ``reads_exr`` is false, the number of threads does not change, because Dr.Jit 1.5 may, very rarely, wait forever
-    when threads end.
+    Nothing changes if ``reads_exr`` is false, because Dr.Jit 1.5 may, very rarely, wait forever when threads end.
     """
     return threads(max(dr.thread_count(), EXR_THREADS)) if reads_exr else nullcontext()

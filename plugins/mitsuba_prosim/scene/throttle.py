@@ -11,7 +11,7 @@ DRAW_INTERVAL, DRAW_FRACTION = 0.1, 0.03
 
 
 class Throttle:
-    """Limits how often pictures are drawn, so that drawing takes only a small fraction of the rendering time."""
+    """Limits how often pictures are drawn, to a small fraction of the rendering time."""
 
     def __init__(self) -> None:
         self._next = 0.0
@@ -23,7 +23,7 @@ class Throttle:
 
     @contextmanager
     def drawing(self) -> Iterator[None]:
-        """Measures how long the ``with`` block draws a picture, and sets the earliest time of the next."""
+        """Measures the ``with`` block, which draws a picture, and sets the earliest time of the next one."""
         started = clock()
         yield
         now = clock()

@@ -24,10 +24,8 @@ DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "I
 
 
 def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """Parses ``words``, the command-line arguments of the native command ``mitsuba``, and returns the options. Wrong
-    arguments end the process.
-
-    The options of Dr.Jit's compiler, ``-V``, ``-O``, ``-W`` and ``-S``, are not supported.
+    """Parses the arguments of the native command ``mitsuba``, except for ``-V``, ``-O``, ``-W`` and ``-S`` of Dr.Jit's
+    compiler. Wrong arguments end the process.
     """
     parser = argparse.ArgumentParser("mitsuba", add_help=False, allow_abbrev=False)
     parser.add_argument("-t", "--threads", type=int)
@@ -42,11 +40,10 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
 
 
 def run(plugin: str, words: Sequence[str]) -> None:
-    """Renders the scenes of the command line: the first scene that uses ``plugin``, and all scenes after it.
+    """Renders the first scene of the command's arguments ``words`` that uses ``plugin``, and all scenes after it; the
+    native command has rendered the others.
 
-    ``words`` are the arguments of the command. The native command has already rendered the scenes that precede the
-    first scene with ``plugin``. Without the option ``-o``, an image is written to the path of its scene, with the
-    suffix of the film's image format; with ``-o``, each image is written to the same path.
+    An image is written to the option ``-o``, or to the path of its scene, with the suffix of the film's image format.
     """
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
@@ -70,10 +67,7 @@ def run(plugin: str, words: Sequence[str]) -> None:
 
 
 def main(plugin: str, *words: str) -> int:
-    """Renders the first scene among the arguments ``words`` that uses ``plugin``, and all scenes after it.
-
-    Returns the exit code of the process: 0, or 255 after an error, whose message is printed.
-    """
+    """Calls :func:`run`; returns the exit code of the process: 0, or 255 after an error, whose message is printed."""
     # Ctrl-C ends the process at once, as in the native command. An ignored signal stays ignored.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

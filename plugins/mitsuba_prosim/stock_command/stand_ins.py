@@ -39,11 +39,10 @@ def installed() -> dict[str, Path]:
 
 
 def plugin_names() -> list[str]:
-    """Returns the names of all plugins that need stand-ins: the plugins in Python of Mitsuba and of installed packages.
+    """Returns the names of the plugins in Python of Mitsuba and of installed packages, in the variant ``scalar_rgb``.
 
-    The function sets the variant ``scalar_rgb``, imports the packages with plugins, and records the names of the
-    plugins that the packages register. To record the names, the function replaces the functions ``mi.register_...``,
-    and does not restore them.
+    The functions ``mi.register_...``, which packages call, are replaced for the rest of the process, to record the
+    names.
     """
     mi.set_variant("scalar_rgb")
     names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
@@ -75,10 +74,9 @@ def compile_stand_in(path: Path) -> None:
 
 
 def install(names: Iterable[str], folder: Path) -> list[Path]:
-    """Writes a stand-in for each of the ``names`` to ``folder``, and returns the paths of the files.
+    """Writes a stand-in for each of the ``names`` that no native plugin has to ``folder``; returns the paths.
 
-    A stand-in that exists is replaced. No stand-in is written for a name that a native plugin has. Raises RuntimeError
-    if the compiler fails, and OSError if a file cannot be written.
+    Raises RuntimeError if the compiler fails, and OSError if a file cannot be written.
     """
     paths = [path for name in names if not (path := folder / f"{name}.so").exists() or is_stand_in(path)]
     with atomic.scratch() as scratch:

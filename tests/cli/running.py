@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -40,6 +41,8 @@ def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="n
 """
 
 
+#: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
+PATIENCE = 200
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 XML = scene_text()
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)
@@ -106,3 +109,10 @@ def metadata(path):
 
 def names(folder):
     return sorted(path.name for path in folder.iterdir())
+
+
+def until(is_true):
+    end = time.monotonic() + PATIENCE
+    while not is_true():
+        assert time.monotonic() < end
+        time.sleep(0.01)

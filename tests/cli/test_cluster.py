@@ -29,7 +29,7 @@ from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor, render
 from mitsuba_prosim.scene import scene_file, session
-from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
+from running import ADAPTIVE_PATH, LIT_FLOOR, PATIENCE, alike, done, prosim, refused, scene_text, until
 from test_frames import FILM
 
 PAGE = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
@@ -117,7 +117,7 @@ except Exception as error:
     print(type(error).__name__)
 """
     for address in (client.scheduler.address, client.scheduler.address.replace("tls", "tcp")):
-        said = subprocess.check_output([sys.executable, "-c", script, address], text=True, timeout=100)
+        said = subprocess.check_output([sys.executable, "-c", script, address], text=True, timeout=PATIENCE)
         assert said and "REACHED" not in said, said
     for port in ports:
         for path in "/", "/info/main/workers.html", "/json/identity.json", "/metrics", "/health", "/api/v1/get_workers":
@@ -152,13 +152,6 @@ def test_workers_leave_no_temporary_file(lamp, tmp_path, killed):
             process.kill()
     assert process.returncode == (-signal.SIGKILL if killed else 0)
     until(lambda: not os.listdir(folder))
-
-
-def until(is_true, seconds=60):
-    end = time.monotonic() + seconds
-    while not is_true():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @pytest.mark.slow
@@ -230,8 +223,7 @@ def kill_one(client):
     """Kills a worker, and waits until everybody who looks has seen that it is there no more."""
     address, process = next(iter(client.run(os.getpid).items()))
     os.kill(process, signal.SIGKILL)
-    while address in client.sync(client.scheduler.ncores):
-        time.sleep(0.05)
+    until(lambda: address not in client.sync(client.scheduler.ncores))
     time.sleep(1.5 * CHECK_INTERVAL)
 
 
@@ -259,7 +251,7 @@ def test_lost_workers_do_not_change_the_image(client, lamp):
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "10ms"}):
         gone = next(iter(client.cluster.workers.values()))
         client.cluster.sync(gone.close)
-        client.wait_for_workers(2, timeout=20)
+        client.wait_for_workers(2, timeout=PATIENCE)
     assert gone not in client.cluster.workers.values()
 
 
@@ -303,7 +295,7 @@ def test_two_renders_on_one_cluster(client, lamp):
     environ = os.environ | {"DASK_INTERNAL_INHERIT_CONFIG": dask.config.serialize(dask.config.config)}
     with subprocess.Popen([*command, "--cluster", client.scheduler.address], env=environ) as process:
         image = np.array(render(lamp, client=client, seed=2, **crop))
-        assert process.wait(100) == 0
+        assert process.wait(PATIENCE) == 0
     assert np.array_equal(image, here(lamp, **crop))
     done(*options, lamp.parent / "b")
     assert alike(lamp.parent / "a", lamp.parent / "b")
@@ -340,7 +332,7 @@ def test_a_film(client, lamp, monkeypatch):
 ANOTHER = (
     "import time, distributed\n"
     "how = {'n_workers': 1, 'threads_per_worker': 1, 'host': '127.0.0.1', 'dashboard_address': '127.0.0.1:0'}\n"
-    "with distributed.LocalCluster(**how) as made: print(made.scheduler_address, flush=True); time.sleep(100)"
+    "with distributed.LocalCluster(**how) as made: print(made.scheduler_address, flush=True); time.sleep(1000)"
 )
 
 

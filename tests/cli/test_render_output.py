@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from contextlib import ExitStack
 
 import mitsuba as mi
@@ -18,7 +17,21 @@ from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering, session
-from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text
+from running import (
+    ADAPTIVE_PATH,
+    LIT_FLOOR,
+    PATIENCE,
+    PIPES,
+    at_step,
+    done,
+    metadata,
+    names,
+    pixels,
+    prosim,
+    refused,
+    scene_text,
+    until,
+)
 
 
 @pytest.mark.parametrize(
@@ -148,10 +161,7 @@ def test_stop_is_called_again_until_the_end(monkeypatch, capfd):
     with interruptible(lambda: calls.append(True)):
         os.kill(os.getpid(), signal.SIGINT)
         first = len(calls)
-        deadline = time.monotonic() + 10
-        while len(calls) < first + 3 and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert len(calls) >= first + 3
+        until(lambda: len(calls) >= first + 3)
     assert capfd.readouterr().err.count("once more") == 1
 
 
@@ -177,7 +187,7 @@ def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
             if b"Starting render job" in line:
                 break
         process.send_signal(signal.SIGTERM)
-        printed, _ = process.communicate(timeout=60)
+        printed, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1 and printed.endswith(b"interrupted\n")
     assert names(scene.parent) == ["scene.exr", "scene.png", "scene.xml"]
 
@@ -215,7 +225,7 @@ def test_the_report_says_what_ended_it(noisy):
     for options, ended, says in [
         (["--noise", 1e-6, "--max-samples", 50], "samples", "ended by the maximum number of samples per pixel, 50"),
         (["--noise-99", 0.2, "--noise", 0.1], "noise", ", error of 99 % of the pixels 0."),
-        (["--noise", 1e-6, "--time", 0.2], "time", "reached the time limit at error below "),
+        (["--noise", 1e-6, "--time", 0.2], "time", "reached the time limit at error "),
     ]:
         assert says in done("render", noisy, *options).stdout and metadata(noisy)["ended"] == ended
 
@@ -244,7 +254,7 @@ def test_integrators_that_can_not_measure_the_noise(scene):
 def test_a_signal_after_the_first_pass_leaves_a_whole_image(noisy, monkeypatch):
     steps = at_step(monkeypatch, 3, signal.SIGINT)
     result = prosim("render", noisy, "--noise", 1e-5)
-    assert result.exit_code == 1 and ", interrupted\n" in result.stdout, result.output
+    assert result.exit_code == 1 and ", interrupted\nerror below " in result.stdout, result.output
     assert metadata(noisy)["ended"] == "interrupted" and steps == sorted(steps)
     assert pixels(noisy.with_suffix(".exr")).max(axis=2).min() > 0
 
@@ -258,15 +268,13 @@ OFTEN = """if True:
 
 
 @pytest.mark.slow
-def test_a_signal_is_heard_within_seconds_in_a_long_pass(scene):
-    scene.write_text(scene_text(content=LIT_FLOOR, width=512, height=512))
+def test_a_signal_is_heard_in_a_long_pass(scene):
+    scene.write_text(scene_text(content=LIT_FLOOR, width=512, height=512, spp=65536))
     command = [sys.executable, "-c", OFTEN, "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"]
     with subprocess.Popen(command, **PIPES) as process:
-        end = time.monotonic() + 60
-        while not scene.with_suffix(".state.npz").exists() and time.monotonic() < end:
-            time.sleep(0.1)  # until it is at work, and has kept what there is
+        until(scene.with_suffix(".state.npz").exists)  # it is at work, and has kept what there is
         process.send_signal(signal.SIGINT)
-        printed, _ = process.communicate(timeout=10)
+        printed, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1 and b", interrupted\n" in printed
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.cli import tev
 from mitsuba_prosim.scene import throttle
-from running import done, pixels, refused
+from running import PATIENCE, done, pixels, refused
 
 tevclient = pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
 
@@ -34,7 +34,7 @@ class Tev:
 
     def packets(self):
         """``(type, content)`` of each, when nothing more comes."""
-        self.thread.join(30)
+        self.thread.join(PATIENCE)
         self.socket.close()
         rest, result = self.heard, []
         while rest:

@@ -17,22 +17,19 @@ from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
 
+#: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
+PATIENCE = 200
+
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
 LITTLE = """NAME: little
 NSAMPLES: 2
 AMBIENT 20000 20000 20000
-LIGHTS
-AREA position 10 20 30 Intensity 600000 600000 600000 raio 4
+LIGHTS AREA position 10 20 30 Intensity 600000 600000 600000 raio 4
 BACKGROUND: 5000 6000 10000 NULL
-VIEW
-RESOLUTION 64 48
-WINDOW -4 -3 4 3
-OBS 0 3 12
-VRP 0 0 0
-CSG-TREE
-+ SPHERE 0 CUBE 1
+VIEW RESOLUTION 64 48 WINDOW -4 -3 4 3 OBS 0 3 12 VRP 0 0 0
+CSG-TREE + SPHERE 0 CUBE 1
 SURFACE 0 ka = .2 .2 .2 kd = 0.6 0.2 0.1 ks = .3 .3 .3 n = 20
 SURFACE 1 material lambertiano kd = 0.4 0.5 0.6
 TRANSFORM 0 SCALE (2 2 2)
@@ -42,28 +39,27 @@ END
 
 
 @contextmanager
-def watching(scene, *options):
+def watching(scene, *options, start=("-m", "prosim_start")):
     """The process, and the address of its page."""
-    command = [sys.executable, "-m", "prosim_start", "watch", str(scene), "--no-browser", *options]
+    command = [sys.executable, *start, "watch", str(scene), "--no-browser", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1) as process:
         try:
-            assert select.select([process.stdout], [], [], 100)[0], "no address was printed"
+            assert select.select([process.stdout], [], [], PATIENCE)[0], "no address was printed"
             line = process.stdout.readline()
             assert " is shown at http://127.0.0.1:" in line, line + process.stderr.read()
             yield process, line.split(" at ")[1].split()[0]
         finally:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-                try:
-                    process.wait(20)
-                except subprocess.TimeoutExpired:
-                    process.kill()
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(PATIENCE)
+            finally:
+                process.kill()
 
 
 def ask(address, path="", method="GET", **headers):
     """An answer of the page's server and its content; what is not given as a header is as a browser would say it."""
     url = urlsplit(address)
-    connection = http.client.HTTPConnection("127.0.0.1", url.port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", url.port, timeout=PATIENCE)
     connection.request(method, url.path + path, headers={"Host": url.netloc} | headers)
     answer = connection.getresponse()
     content = answer.read() if path != "events" else answer.readline()
@@ -73,14 +69,20 @@ def ask(address, path="", method="GET", **headers):
 
 def state_when(address, status):
     """The state of the page's viewer, as soon as its status is this."""
-    until(lambda: json.loads(ask(address, "events")[1].removeprefix(b"data: "))["status"] == status)
-    return json.loads(ask(address, "events")[1].removeprefix(b"data: "))
+    states = iter(lambda: json.loads(ask(address, "events")[1].removeprefix(b"data: ")), None)
+    return next(state for state in states if state["status"] == status)
+
+
+def new_page(browser, **options):
+    page = browser.new_page(**options)
+    page.set_default_timeout(1000 * PATIENCE)
+    return page
 
 
 @contextmanager
 def opened(browser, address, **options):
     """A page in the browser, which may say nothing on its console and ask nobody but its own server."""
-    page, said, asked = browser.new_page(**options), [], []
+    page, said, asked = new_page(browser, **options), [], []
     page.on("console", lambda message: said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
@@ -132,7 +134,7 @@ def running(path, opened=lambda: None, **options):
         assert thread.is_alive()
     finally:
         viewer.close()
-        thread.join(30)
+        thread.join(PATIENCE)
         assert not thread.is_alive()
 
 
@@ -144,19 +146,26 @@ def save(viewer, path, text):
 
 
 def change(viewer, **changes):
-    viewer.call(lambda viewer: viewer.change(**changes)).result(20)
+    viewer.call(lambda viewer: viewer.change(**changes)).result(PATIENCE)
 
 
 def move(viewer, by):
-    viewer.call(lambda viewer: viewer.move(by)).result(20)
+    """Moves the camera, and waits for the image."""
+    viewer.call(lambda viewer: viewer.move(by)).result(PATIENCE)
+    until(lambda: viewer.publisher.state.view is not None and viewer.publisher.state.status == "done")
 
 
 def surface_at(viewer, x, y):
-    return viewer.call(lambda viewer: viewer.scene.surface_at(x, y)).result(20)
+    return viewer.call(lambda viewer: viewer.scene.surface_at(x, y)).result(PATIENCE)
+
+
+def is_(viewer, doing, opened=1):
+    """Waits for a status of the viewer, which has opened the scene so many times, or more often."""
+    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened >= opened)
 
 
 def until(condition):
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end, "nothing came of it"
         time.sleep(0.005)

@@ -1,7 +1,7 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
 import pytest
-from little import change, move, running, save, surface_at, until
+from little import PATIENCE, change, is_, move, running, save, surface_at, until
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.scene.background import with_background_emitter
 
@@ -10,10 +10,6 @@ pytestmark = pytest.mark.slow
 XML = """<scene version="3.0.0">INTEGRATOR<sensor type="perspective"><film type="hdrfilm">
 <integer name="width" value="8"/><integer name="height" value="6"/></film></sensor>
 <shape type="sphere"><point name="center" x="0" y="0" z="5"/></shape><emitter type="constant"/></scene>"""
-
-
-def is_(viewer, doing, opened=1):
-    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened == opened)
 
 
 def test_viewer_survives_an_image_that_fails(variant_rgb, write_scene, monkeypatch):
@@ -53,7 +49,7 @@ def test_viewer_does_not_compare_a_background_that_path_cannot_use(variant_rgb, 
         change(viewer, compared=True)
         is_(viewer, "done")
         assert set(viewer.publisher.pictures) == {"own"} and viewer.publisher.state.error is None
-        scene = viewer.call(lambda viewer: viewer.scene.scene).result(20)
+        scene = viewer.call(lambda viewer: viewer.scene.scene).result(PATIENCE)
         with pytest.raises(ValueError, match="Checkerboard can't light the scene"):
             with_background_emitter(scene, scene.integrator().background)  # as prosim compare has it
 

@@ -83,11 +83,11 @@ def test_sliders_mix_the_lamps(lamps, browser):
         assert command[:3] == ["prosim", "mix", "little.exr"] and {f"{short}=1,0,0", "ambient=0"} < set(command)
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])
         page.click("#copy-command")
-        until(lambda: page.inner_text("#copy-command") == "Copied")
-        assert page.evaluate("navigator.clipboard.readText()").split() == command
+        until(lambda: page.evaluate("navigator.clipboard.readText()").split() == command)
+        assert page.inner_text("#announcement") == "Copied"
         page.click("#compare", force=True)
-        until(lambda: page.is_visible("#half") and page.get_attribute("body", "data-status") == "done")
-        until(lambda: page.is_visible("#path"))
+        until(lambda: page.is_visible("#half") and page.is_visible("#path"))
+        page.wait_for_selector("body[data-status=done]")
         page.click("#compare", force=True)
         until(lambda: page.is_hidden("#half"))
         page.click("#unmix")

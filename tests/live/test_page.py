@@ -6,7 +6,7 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import BROWSER, LITTLE, opened, shown, until, watching
+from little import BROWSER, LITTLE, new_page, opened, shown, until, watching
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
 
@@ -22,7 +22,7 @@ def page(browser, address):
 
 def is_(page, doing):
     """Waits until it is, and the newest picture is there to be seen."""
-    page.wait_for_selector(f"body[data-status={doing}]", timeout=60000)
+    page.wait_for_selector(f"body[data-status={doing}]")
     until(lambda: page.get_attribute("#own", "data-number") == page.get_attribute("body", "data-newest"))
 
 
@@ -54,8 +54,7 @@ def drag(page, start, end):
 def save(page, scene, text, doing="done"):
     """Saves as many editors do, by a new file that is renamed; waits until it is seen."""
     before = page.get_attribute("#own", "data-number")
-    new = scene.with_name("little.scn.new")
-    new.write_text(text)
+    (new := scene.with_name("little.scn.new")).write_text(text)
     new.replace(scene)
     if doing != "failed":
         until(lambda: page.get_attribute("#own", "data-number") != before)
@@ -80,7 +79,7 @@ def test_page_shows_the_saved_image(page, address):
 
 def test_page_shows_values_and_keys_change_layers_and_zoom(page):
     page.mouse.move(500, 400)
-    until(lambda: "little.scn, line 14 (SURFACE 0 of SPHERE 0)" in page.inner_text("#pixel"))
+    until(lambda: "little.scn, line 8 (SURFACE 0 of SPHERE 0)" in page.inner_text("#pixel"))
     assert re.search(
         r"\(\d+, \d+\) · RGB [\d.]+ [\d.]+ [\d.]+ · error [\d.e-]+ · \d samples", page.inner_text("#pixel")
     )
@@ -120,7 +119,7 @@ def test_page_shows_values_and_keys_change_layers_and_zoom(page):
 
 
 def test_all_pages_show_the_saved_scene_and_its_errors(page, browser, address, scene):
-    other = browser.new_page()
+    other = new_page(browser)
     other.goto(address)
     is_(other, "done")
     red = shown(page)
@@ -128,7 +127,7 @@ def test_all_pages_show_the_saved_scene_and_its_errors(page, browser, address, s
     other.evaluate("Object.defineProperty(document, 'hidden', {get: () => window.away, configurable: true})")
     other.evaluate("away = true; document.dispatchEvent(new Event('visibilitychange'))")
     save(page, scene, LITTLE.replace("kd", " " * 60 + "kkd", 1), "failed")
-    assert "little.scn:14:85: unknown word 'kkd'" in page.inner_text("#error p")
+    assert "little.scn:8:85: unknown word 'kkd'" in page.inner_text("#error p")
     quoted, caret = page.inner_text("#error pre").splitlines()
     assert caret.index("^") == quoted.index("kkd")
     assert np.array_equal(shown(page), red)
@@ -194,11 +193,12 @@ def test_camera_moves_and_slider_compares_images(page):
     page.click("#home")
     assert page.evaluate("document.activeElement.id") == "stage"
     until(lambda: page.is_hidden("#view") and np.array_equal(shown(page), home))
+    is_(page, "done")  # then no state comes that changes the page while it is used
     page.uncheck("#camera", force=True)
     page.check("#compare", force=True)
-    until(lambda: page.is_visible("#path") and page.get_attribute("#path", "data-number") is not None)
-    until(lambda: shown(page, "path").shape == home.shape)
-    until(lambda: "prosim: " in page.inner_text("#state") and "samples a pixel" in page.inner_text("#state"))
+    until(lambda: page.is_visible("#path") and shown(page, "path").shape == home.shape)
+    is_(page, "done")
+    assert re.search("prosim: .* samples a pixel", page.inner_text("#state"))
     press(page, "Home", "#split")
     assert re.search(r"0 0 0 0%|inset\(0px", page.get_attribute("#path", "style"))
     page.fill("#split", "50")
@@ -229,8 +229,8 @@ def test_page_fits_narrow_screens_and_has_contrast(page):
 
 
 def test_buttons_vanish_when_the_render_ends(browser, write_scene):
+    page = new_page(browser)
     with watching(write_scene(LITTLE, "café 1.scn")) as (process, address):
-        page = browser.new_page()
         page.goto(address)
         is_(page, "done")
         picture = shown(page)
@@ -259,7 +259,7 @@ def test_click_opens_the_page_that_explains_the_pixel(page, address):
     explained.on("request", lambda request: said.append(request.url))
     explained.reload()
     until(lambda: explained.text_content("h1") == "Pixel 20, 26 of little.scn")
-    assert explained.locator("#frame img").evaluate("image => image.naturalWidth") == 64
+    until(lambda: explained.locator("#frame img").evaluate("image => image.naturalWidth") == 64)
     assert explained.locator("#tree [role=button]").count() >= 1 and len(page.context.pages) == 2
     assert said == [f"{address}explain/20/26"]
     explained.close()

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from little import ask, state_when, watching
+from little import PATIENCE, ask, state_when, watching
 from prosim_start import group
 
 pytestmark = pytest.mark.slow
@@ -42,22 +42,13 @@ def test_server_serves_only_its_own_files(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
-    for path in (
-        *files.split(),
-        "layer/own/secret",
-        "layer/other/final",
-        "pixel/-1/0",
-        "explain/-1/0",
-        "do/pause",
-        "do/orbit",
-    ):
+    wrong = "layer/own/secret layer/other/final pixel/-1/0 explain/-1/0 do/pause do/orbit"
+    for path in f"{files} {wrong}".split():
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
     assert ask(address, "pixel/64/0")[1] == b"{}"
-    for path in ("do/everything", "do/jump"):
-        assert ask(address, path, "POST")[0].status == 404
-    for path in ("do/orbit?x=nan", "do/dolly?x=0", "do/pan?x=one"):
-        assert ask(address, path, "POST")[0].status == 400
+    for path, status in ("everything", 404), ("orbit?x=nan", 400), ("dolly?x=0", 400), ("pan?x=one", 400):
+        assert ask(address, f"do/{path}", "POST")[0].status == status
     assert ask(address, "save/exr?exposure=bright")[0].status == 400
     answer, content = ask(address, "explain/64/0")
     assert (answer.status, content[:41]) == (400, b"the pixel 64,0 is outside the image, whos")
@@ -73,7 +64,7 @@ def test_watch_ends_by_signals_and_refuses_a_used_port(path):
         taken = CliRunner().invoke(group.prosim, ["watch", str(path), "--no-browser", "--port", str(port)])
         assert taken.exit_code == 1 and "--port" in taken.output
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
+        assert process.wait(PATIENCE) == 0
         assert process.stderr.read() == ""
     assert [p.name for p in path.parent.iterdir()] == ["little.scn"]
     scalar = CliRunner().invoke(group.prosim, ["watch", str(path), "--no-browser", "-m", "scalar_rgb"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE, change, move, running, save, surface_at, until
+from little import LITTLE, PATIENCE, change, is_, move, running, save, surface_at, until
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
@@ -31,10 +31,6 @@ def seen(viewer):
     return {p["own"].number: p["own"].layers for _, p in viewer.publisher.said if "own" in p}
 
 
-def is_done(viewer):
-    return lambda: viewer.publisher.state.status == "done"
-
-
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
@@ -51,8 +47,8 @@ def test_viewer_shows_a_coarse_image_first_and_the_rendered_image_last(
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path) as viewer:
         until(lambda: "own" in viewer.publisher.pictures)
-        assert '"pixel": [90, 75]' in viewer.call(lambda viewer: viewer.explanation(90, 75)).result(60)
-        until(is_done(viewer))
+        assert '"pixel": [90, 75]' in viewer.call(lambda viewer: viewer.explanation(90, 75)).result(PATIENCE)
+        is_(viewer, "done")
         image = final(viewer)
         coarse, *shown = seen(viewer).values()
     first = [layers["final"] for layers in shown if set(layers) == {"final"}]
@@ -81,31 +77,24 @@ def test_coarse_image_has_the_colours_of_dispersion(variant_rgb, path, tmp_path)
 
 def test_viewer_survives_errors_and_missing_files(variant_rgb, path, tmp_path, monkeypatch):
     with running(path) as viewer:
-        until(is_done(viewer))
+        is_(viewer, "done")
         red = final(viewer)
         assert red[20, 30, 0] > red[20, 30, 2]
         save(viewer, path, RED.replace("kd", "kkd", 1))
-        until(lambda: viewer.publisher.state.status == "failed")
+        is_(viewer, "failed")
         error = viewer.publisher.state.error
-        assert "little.scn:14:25: " in error and error.splitlines()[2].strip().startswith("^")
+        assert "little.scn:8:25: " in error and error.splitlines()[2].strip().startswith("^")
         assert final(viewer) is red
-        (tmp_path.parent / "secret.png").write_bytes(b"secret")
-        save(viewer, path, RED.replace("10000 NULL", '10000 "../secret.png"'))
-        until(lambda: "'../secret.png' is outside the scene's folder" in (viewer.publisher.state.error or ""))
         path.unlink()
-        until(lambda: viewer.publisher.state.status == "missing")
+        is_(viewer, "missing")
         assert viewer.publisher.state.error is None and final(viewer) is red
-        dark = RED.replace("600000 600000 600000", "0 0 0").replace("20000 20000 20000", "0 0 0")
-        save(viewer, path, dark.replace("5000 6000 10000", "0 0 0"))
-        until(is_done(viewer))
-        assert "the lights shine elsewhere, or are dark" in viewer.publisher.state.black
         # In the midst of a wave, and many at once: what was saved last is what is seen.
         save(viewer, path, LONG)
         until(lambda: viewer.publisher.state.status == "rendering" and viewer.publisher.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
-        until(lambda: is_done(viewer)() and final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0])
-        assert viewer.publisher.state.error is None and viewer.publisher.state.black is None
+        until(lambda: viewer.publisher.state.status == "done" and final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0])
+        assert viewer.publisher.state.error is None
 
 
 def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypatch):
@@ -117,34 +106,23 @@ def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypat
         until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
-        until(lambda: viewer.publisher.state.opened > 1 and viewer.publisher.state.status == "failed")
+        is_(viewer, "failed", 2)
         wood.write_bytes(stream.raw_buffer())
-        until(is_done(viewer))
+        is_(viewer, "done")
         assert {path, wood} <= viewer.watcher.stamps.keys()
 
 
 def test_viewer_notices_a_change_while_it_opens_the_scene(variant_rgb, path, tmp_path, monkeypatch):
     """Also where the view is another one; and a mistake takes no view away that was moved."""
-    viewers = []
-
-    def opened():
-        if viewers[0].publisher.state.opened == 1:
-            path.write_text(BLUE)
-
-    def wait_for_viewer():
-        until(lambda: viewers)
-        opened()
-
-    with running(path, wait_for_viewer) as viewer:
-        viewers.append(viewer)
-        until(lambda: viewer.publisher.state.opened == 2 and is_done(viewer)())
+    texts = [BLUE]
+    with running(path, lambda: texts and path.write_text(texts.pop())) as viewer:
+        is_(viewer, "done", 2)
         assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
         move(viewer, lambda camera: camera.orbited(40, 10))
-        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
         view = viewer.publisher.state.view
         save(viewer, path, BLUE.replace("kd", "kkd"))
         save(viewer, path, RED)
-        until(is_done(viewer))
+        is_(viewer, "done")
         assert viewer.publisher.state.view == view
 
 
@@ -153,32 +131,31 @@ def test_viewer_pauses_resumes_moves_the_camera_and_compares(variant_rgb, path, 
     with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
         change(viewer, paused=True)
-        until(lambda: viewer.publisher.state.status == "paused")
+        is_(viewer, "paused")
         number = viewer.publisher.pictures["own"].number
         words = surface_at(viewer, 30, 20), surface_at(viewer, 1, 1)
-        assert words == ("little.scn, line 14 (SURFACE 0 of SPHERE 0)", "background")
+        assert words == ("little.scn, line 8 (SURFACE 0 of SPHERE 0)", "background")
         assert viewer.publisher.pictures["own"].number == number and viewer.publisher.state.status == "paused"
         change(viewer, paused=False)
-        until(lambda: viewer.publisher.state.status == "rendering")
+        is_(viewer, "rendering")
         save(viewer, path, RED)
-        until(is_done(viewer))
+        is_(viewer, "done")
         home = final(viewer)
         move(viewer, lambda camera: camera.orbited(40, 10))
-        until(lambda: viewer.publisher.state.view is not None and is_done(viewer)())
         view, moved = viewer.publisher.state.view, final(viewer)
         assert not np.allclose(moved, home, atol=0.05)
         # The view that is written is what was seen; the scene's own is there again, to the bit.
         begin, end = RED.index("VIEW"), RED.index("CSG-TREE")
         save(viewer, path, RED[:begin] + view + "\n" + RED[end:])
-        until(lambda: viewer.publisher.state.view is None and is_done(viewer)())
+        until(lambda: viewer.publisher.state.view is None and viewer.publisher.state.status == "done")
         assert np.mean(np.abs(final(viewer) - moved)) < 0.02
         save(viewer, path, RED)
-        until(lambda: is_done(viewer)() and np.array_equal(final(viewer), home))
+        until(lambda: viewer.publisher.state.status == "done" and np.array_equal(final(viewer), home))
         change(viewer, compared=True)
-        until(lambda: "path" in viewer.publisher.pictures and is_done(viewer)())
+        until(lambda: "path" in viewer.publisher.pictures and viewer.publisher.state.status == "done")
         path_image = final(viewer, "path")
         words = surface_at(viewer, 30, 20)
-        assert words == "little.scn, line 14 (SURFACE 0 of SPHERE 0)" and np.array_equal(final(viewer), home)
+        assert words == "little.scn, line 8 (SURFACE 0 of SPHERE 0)" and np.array_equal(final(viewer), home)
         assert path_image.shape == home.shape and 0.5 < path_image.mean() / home.mean() < 2
         # The sky, no source to prosim, lights the image of path, and is seen in it.
         assert np.allclose(path_image[1, 1], home[1, 1], rtol=1e-3)
@@ -210,14 +187,13 @@ def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, mon
     for sensor in ("prosim_window", "perspective"):
         path.write_text(xml.replace("SENSOR", sensor))
         with running(path) as viewer:
-            until(is_done(viewer))
+            is_(viewer, "done")
             state = viewer.publisher.state
             assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.watcher.stamps.keys()
             before = final(viewer)
             assert surface_at(viewer, 7, 5) == "ball, scene.xml, line 5"
             move(viewer, lambda camera: camera.panned(0.3, 0))
-            until(lambda viewer=viewer: viewer.publisher.state.view is not None and is_done(viewer)())
             assert "<matrix" in viewer.publisher.state.view
             assert not np.array_equal(final(viewer), before)
     path.write_text(xml)  # there is no sensor of this name
@@ -232,7 +208,7 @@ def test_viewer_denoises_the_final_image(variant_rgb, path, tmp_path, monkeypatc
     all_portions_seen(1500)
     pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
     with running(path, denoise=True) as viewer:
-        until(is_done(viewer))
+        is_(viewer, "done")
         whole = [layers["samples"] for layers in seen(viewer).values() if set(layers) == {"final", "error", "samples"}]
         assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))
         layers = viewer.publisher.pictures["own"].layers

@@ -42,7 +42,7 @@ def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="n
 
 
 #: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
-PATIENCE = 200
+PATIENCE = 120
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 XML = scene_text()
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)

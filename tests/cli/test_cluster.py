@@ -12,7 +12,6 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 from urllib.parse import urlsplit
 
@@ -170,16 +169,6 @@ def test_ctrl_c_is_for_the_process_that_renders(client, lamp, monkeypatch):
 
     monkeypatch.setattr(cluster, "scheduler", pressing)
     refused("nothing was written", "render", lamp, "--cluster", client.scheduler.address, code=130)
-
-
-def test_work_items_become_smaller_towards_the_end_but_not_tiny(variant_rgb):
-    executor = DaskExecutor(SimpleNamespace(scheduler=None), SceneBundle("", {}, 0, "", {}))
-    for speed, sizes in (1e5, [100000, 50000, 25000, 25000]), (1e9, [200000]):
-        executor.speed, left, found = speed, 200000, []
-        while left:
-            found.append(executor.limit(left))
-            left -= found[-1]
-        assert found == sizes
 
 
 # ------------------------------------------------------------------ the same bytes

@@ -55,8 +55,7 @@ def test_page_of_parallel_rays_has_the_image_without_rays(write_scene):
     ],
 )
 def test_wrong_use_is_refused_in_one_sentence(write_scene, arguments, message):
-    variant = [] if "-m" in arguments else ["-m", "llvm_ad_rgb"]
-    refused(message, "explain", write_scene(XML, "s.xml"), *arguments, *variant)
+    refused(message, "explain", write_scene(XML, "s.xml"), "-m", "llvm_ad_rgb", *arguments)
 
 
 @pytest.mark.parametrize("kind", ["ptracer", "depth"])

@@ -211,9 +211,7 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
     scene = write(tmp_path, "scene.xml", width=512, height=512, spp=4096)
     program = Path(mi.__file__).with_name("mitsuba")
     with subprocess.Popen([program, "-m", "scalar_rgb", scene], stdout=subprocess.PIPE) as process:
-        for line in process.stdout:
-            if b"Starting render job" in line:
-                break
+        next(line for line in process.stdout if b"Starting render job" in line)
         time.sleep(0.2)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == -signal.SIGINT

@@ -21,7 +21,6 @@ from tqdm import tqdm
         ("--resolution 40", "not of the form WxH, such as 640x480"),
         ("--noise 60%", "'60%' is not a valid number"),
         ("--exposre 1", "'--exposure'"),
-        ("--spp many", "'many' is not a valid integer"),
         ("--resolution 0x4", "1 to 65536 pixels a side"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         ("--crop 0,0,100,100", "crop_size"),
@@ -64,10 +63,7 @@ from tqdm import tqdm
         ("--frames 0:3 --part 1/2", "--part is for single images"),
         ("--frames 0:3 --workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
         ("--frames 0:2", "uses neither $frame nor $time"),
-        *[
-            (f"--crop {size}", "is not within the image")
-            for size in ("4294967295,0,1,1", f"0,{2**64},1,1", f"0,0,{2**32},9")
-        ],
+        *[(f"--crop {n}", "is not within the image") for n in ("4294967295,0,1,1", f"0,{2**64},1,1", f"0,0,{2**32},9")],
     ],
 )
 def test_wrong_use(scene, arguments, says):
@@ -86,17 +82,15 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
 @pytest.mark.parametrize("suffix", [".scn", ".xml"])
 def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
+    others = {"max_level": 2, "threshold": 0.5, "samples": 2}
     for asked, expected in [
-        ({"paths": True}, ["diffuse_bounces = -1", "max_level = -1"]),
-        (
-            {"paths": True, "max_level": 2, "threshold": 0.5, "samples": 2},
-            ["diffuse_bounces = -1", "max_level = 2", "threshold = 0.5", "samples = 2"],
-        ),
-        ({"max_level": 0}, ["diffuse_bounces = 0", "max_level = 0"]),
+        ({"paths": True}, {"diffuse_bounces": -1, "max_level": -1}),
+        ({"paths": True} | others, {"diffuse_bounces": -1} | others),
+        ({"max_level": 0}, {"diffuse_bounces": 0, "max_level": 0}),
     ]:
-        loaded = scene_file.SceneFile(scene, tmp_path / "out", integrator=Job(**asked).integrator).load()
-        assert [text for text in expected if text not in str(loaded.integrator())] == []
-        assert (loaded.integrator().ambient is None) == ("paths" in asked)
+        made = scene_file.SceneFile(scene, tmp_path / "out", integrator=Job(**asked).integrator).load().integrator()
+        assert all(f"{name} = {value}" in str(made) for name, value in expected.items())
+        assert (made.ambient is None) == ("paths" in asked)
 
 
 def test_the_number_of_samples_has_one_name(palito, tmp_path, variant_rgb):
@@ -180,10 +174,7 @@ def folder(tmp_path, monkeypatch):
         ("format", "scenes/jug.xml", "prosim render scenes/jug.xml\n"),
         ("resume", "mug.scn", "a text file, not the state of a render. prosim render --checkpoint"),
         ("merge", "empty.npz", "an empty file, not a part of an image. prosim render --part 1/4"),
-        *[
-            (name, "/dev/zero", "is a device or a pipe, not ")
-            for name in ("render", "translate", "watch", "mix", "merge")
-        ],
+        *[(name, "/dev/zero", "a device or a pipe, not ") for name in ("render", "translate", "watch", "mix", "merge")],
         ("merge", "night.*-of-4.npz", "File 'night.*-of-4.npz' does not exist.\n"),
     ],
 )
@@ -315,28 +306,21 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)
     made = file.load().integrator()
     assert getattr(made, "nested", made).diffuse_bounces == -1
-    assert made.aov_names()[:1] == (
-        ["d.T"] if "aov" in integrator and "d:depth" in integrator else made.aov_names()[:1]
-    )
+    assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
 @pytest.mark.parametrize(
-    "content, says",
+    "plugin, parameter, says",
     [
-        (
-            '<bsdf type="prosim_lambertian"><rgb name="kd" value="1"/></bsdf>',
-            "parameter kd; it has reflectance, ambient\n",
-        ),
-        ('<bsdf type="prosim_phong"><float name="exponnt" value="9"/></bsdf>', "exponnt. Did you mean exponent?\n"),
-        (
-            '<bsdf type="prosim_dielectric"><float name="n_refr" value="2"/></bsdf>',
-            "n_refr; it has int_ior, ext_ior, eta,",
-        ),
-        ('<bsdf type="prosim_conductor"><string name="material" value="Copper"/></bsdf>', "allowed: Cu for copper;"),
+        ("lambertian", '<rgb name="kd" value="1"/>', "parameter kd; it has reflectance, ambient\n"),
+        ("phong", '<float name="exponnt" value="9"/>', "exponnt. Did you mean exponent?\n"),
+        ("dielectric", '<float name="n_refr" value="2"/>', "n_refr; it has int_ior, ext_ior, eta,"),
+        ("conductor", '<string name="material" value="Copper"/>', "allowed: Cu for copper;"),
     ],
 )
-def test_wrong_parameter_gets_a_suggestion(scene, content, says):
-    scene.write_text(scene_text(content=f'<shape type="sphere">{content}</shape>'))
+def test_wrong_parameter_gets_a_suggestion(scene, plugin, parameter, says):
+    bsdf = f'<bsdf type="prosim_{plugin}">{parameter}</bsdf>'
+    scene.write_text(scene_text(content=f'<shape type="sphere">{bsdf}</shape>'))
     refused(says, "render", scene)
 
 

@@ -17,33 +17,14 @@ from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering, session
-from running import (
-    ADAPTIVE_PATH,
-    LIT_FLOOR,
-    PATIENCE,
-    PIPES,
-    at_step,
-    done,
-    metadata,
-    names,
-    pixels,
-    prosim,
-    refused,
-    scene_text,
-    until,
-)
+from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, pixels, prosim, refused, scene_text, until
 
 
 @pytest.mark.parametrize(
     "given, stem",
     [
         *[(f"a.b{suffix}", "a.b") for suffix in ("", ".exr", ".png", ".EXR")],
-        ("x.exr.png", "x"),
-        ("x.", "x"),
-        ("x.y.", "x.y"),
-        ("there", "there/c.d"),
-        ("new/", "new/c.d"),
-        (None, "c.d"),
+        *[("x.exr.png", "x"), ("x.", "x"), ("x.y.", "x.y"), ("there", "there/c.d"), ("new/", "new/c.d"), (None, "c.d")],
     ],
 )
 def test_names_of_images(tmp_path, monkeypatch, given, stem):
@@ -59,7 +40,7 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
     [
         ("render", "", "expected a name or a folder"),
         ("render", "{}/x.jpg", ".exr and .png"),
-        *[("render", "{}/other" + suffix, ".exr and .png") for suffix in (".scn", ".npz")],
+        ("render", "{}/other.npz", ".exr and .png"),
         ("render", "{}/pipe", ".exr and .png"),
         ("render", "-", ".exr and .png"),
         ("compare", "{}/x.png", ".html and .json"),
@@ -113,7 +94,8 @@ def test_an_image_is_rescued_from_a_full_disk(scene, monkeypatch, tmp_path_facto
     result = prosim("render", scene, "--checkpoint")
     assert result.exit_code == 1 and "No space left on device" in result.stderr
     folder = next(path for path in elsewhere.iterdir() if path.name.startswith(atomic.RESCUE))
-    assert names(folder) == ["scene.exr", "scene.png", "scene.state.npz"] and str(folder / "scene.exr") in result.stderr
+    assert set(os.listdir(folder)) == {"scene.exr", "scene.png", "scene.state.npz"}
+    assert str(folder / "scene.exr") in result.stderr
     assert pixels(folder / "scene.exr").shape == (8, 12, 3)
 
 
@@ -183,13 +165,11 @@ def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
     scene.write_text(scene_text(width=512, height=512, sampler="independent", spp=65536))
     command = [sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"]
     with subprocess.Popen(command, **PIPES) as process:
-        for line in process.stderr:
-            if b"Starting render job" in line:
-                break
+        next(line for line in process.stderr if b"Starting render job" in line)
         process.send_signal(signal.SIGTERM)
-        printed, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1 and printed.endswith(b"interrupted\n")
-    assert names(scene.parent) == ["scene.exr", "scene.png", "scene.xml"]
+        until(lambda: process.poll() is not None)
+        assert process.returncode == 1 and process.stdout.read().endswith(b"interrupted\n")
+    assert sorted(os.listdir(scene.parent)) == ["scene.exr", "scene.png", "scene.xml"]
 
 
 # ---- --noise and --time, with any integrator
@@ -274,8 +254,8 @@ def test_a_signal_is_heard_in_a_long_pass(scene):
     with subprocess.Popen(command, **PIPES) as process:
         until(scene.with_suffix(".state.npz").exists)  # it is at work, and has kept what there is
         process.send_signal(signal.SIGINT)
-        printed, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1 and b", interrupted\n" in printed
+        until(lambda: process.poll() is not None)
+        assert process.returncode == 1 and b", interrupted\n" in process.stdout.read()
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
 
 

@@ -18,7 +18,7 @@ from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 #: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
-PATIENCE = 200
+PATIENCE = 120
 
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)

@@ -1,7 +1,5 @@
 """``mitsuba_prosim.render``: a scene in one call, its error, and a verdict in words."""
 
-from pathlib import Path
-
 import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
@@ -11,7 +9,6 @@ from scenes import penumbra
 XML = """<scene version="3.0.0"><integrator type="path"/><emitter type="constant"/>
     <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="6"/><integer name="height" value="4"/>
     </film></sensor></scene>"""
-EXAMPLE = Path(__file__).parents[2] / "examples" / "palito.scn"
 PATH = {"type": "path"}
 KINDS = {
     "prosim": {"type": "prosim", "noise": 0.2},
@@ -41,15 +38,13 @@ def test_render_reaches_the_error(variant_rgb, kind):
     assert np.array(result).shape[:2] == np.array(mi.Bitmap(result)).shape[:2] == (48, 48)
 
 
-def test_render_takes_dictionaries_and_files(variant_rgb, tmp_path):
-    paths = tmp_path / "s.xml", tmp_path / "s.scn"
-    paths[0].write_text(XML)
-    paths[1].write_text(EXAMPLE.read_text("utf-8"))
+def test_render_takes_dictionaries_and_files(variant_rgb, tmp_path, path):
+    (xml := tmp_path / "s.xml").write_text(XML)
     one = mitsuba_prosim.render(mi.load_string(XML), spp=4, progress=False)
-    assert np.array_equal(np.array(one), np.array(mitsuba_prosim.render(paths[0], spp=4, progress=False)))
+    assert np.array_equal(np.array(one), np.array(mitsuba_prosim.render(xml, spp=4, progress=False)))
     assert np.all(one.samples == 4) and "error unknown" in one.verdict and np.isnan(one.noise)
     assert mitsuba_prosim.render(scene(), spp=4, progress=False).image.shape == (48, 48, 3)
-    language = mitsuba_prosim.render(str(paths[1]), noise=0.3, progress=False)
+    language = mitsuba_prosim.render(str(path), noise=0.3, progress=False)
     assert " of 0.3" in language.verdict
 
 

@@ -256,6 +256,13 @@ def chains(rng):
     return text(rng, ["CUBE"] * 12, transforms, [*rng.choice(["+", "-"], 11).tolist(), *range(12)])
 
 
+def crowds(rng):
+    """Poles through one place, added and taken away in turn."""
+    sizes = rng.uniform([0.2, 0.2, 2], [1, 1, 8], (12, 3))
+    transforms = [f"TRANSLATE (0 0 -.5) SCALE ({numbers(size)}) {turn(rng)}" for size in sizes]
+    return text(rng, ["CYLINDER"] * 12, transforms, [*"-+-+-+-+-+-", *range(12)])
+
+
 def unions(rng):
     """Unions of solids that overlap and are all curved or nearly so, with some coincident discs."""
     return scattered(rng, [0.05, 0.2, 0.35, 0.4], [2, 2, 3], np.arange(-2, 2), turn(rng), "+")
@@ -385,7 +392,7 @@ def stretched(rng):
 
 GRIDS = grid, decimals, half_spaces
 ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, slices
-KINDS = {f.__name__: f for f in (general, chains, *GRIDS, *ROUND)} | {
+KINDS = {f.__name__: f for f in (general, chains, crowds, *GRIDS, *ROUND)} | {
     "turned_grid": lambda rng: grid(rng, turn(rng)),
     "stretched_grid": lambda rng: grid(rng, stretched(rng)),
     "turned_half_spaces": lambda rng: half_spaces(rng, turn(rng)),

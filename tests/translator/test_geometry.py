@@ -12,7 +12,7 @@ import prosim_scene
 import pytest
 from meshes import area, assert_closed, curved_face, is_side, scene, solids, turned, volume
 from prosim_scene import SceneError, SceneWarning
-from prosim_scene.geometry import detail
+from prosim_scene.geometry import detail, surfaces
 from prosim_scene.geometry.leaves import leaves_of
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
@@ -167,6 +167,16 @@ def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
     pixel = 4 / 500
     assert np.abs(np.hypot(x, y)[z < 1e-6] - RIM).max() < 0.4 * pixel
     assert not any("far from the origin" in str(w.message) for w in recwarn)  # as the eye is not far from the ball
+
+
+def test_solids_that_take_long_cause_one_warning(monkeypatch, recwarn):
+    monkeypatch.setattr(surfaces, "PATIENCE", -1.0)
+    solids(scene("+ SPHERE 0 - SPHERE 1 SPHERE 2", ["", "TRANSLATE (1 0 0)", "TRANSLATE (1.5 0 0)"]))
+    (warning,) = recwarn
+    assert "because many of them meet at one place; use fewer of them, or the option --tolerance" in str(
+        warning.message
+    )
+    assert warning.message.line == 2
 
 
 def test_more_triangles_than_memory_holds_are_coarser_or_an_error(monkeypatch):

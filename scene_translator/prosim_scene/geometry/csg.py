@@ -132,6 +132,7 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     return {group: chain.value() for group, chain in sorted(fold(tree, leaf, combine).items())}
 
 
+MAX_RUNS = 8  # the largest number of runs of a chain that are evaluated one after the other
 #: An operand of a chain: its sign + or -, and the body.
 Operand = tuple[str, Body]
 
@@ -174,10 +175,27 @@ def evaluate_chain(operands: Sequence[Operand]) -> Body | None:
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
     if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands):
         return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
+    runs = [(sign, [body for _, body in run]) for sign, run in groupby(operands, itemgetter(0))]
+    return _evaluate_runs(runs, len(runs) if _share_surfaces([body for _, body in operands]) else MAX_RUNS)
+
+
+def _evaluate_runs(runs: Sequence[tuple[str, list[Body]]], most: int) -> Body | None:
+    """Returns the body that results if the bodies of each run, which have the same sign, are added to nothing and
+    subtracted one run after the other.
+
+    More than ``most`` runs are divided into halves, because the result of each half has few triangles.
+    """
+    if len(runs) > most:
+        later = runs[len(runs) // 2 :]
+        first = _evaluate_runs(runs[: len(runs) // 2], most)
+        subtracted = [body for sign, bodies in later if sign == "-" for body in bodies]
+        return union([first and difference(first, subtracted), _evaluate_runs(later, most)])
     result: Body | None = None
-    for sign, run in groupby(operands, itemgetter(0)):
-        bodies = [body for _, body in run]
-        result = difference(result, bodies) if result and sign == "-" else union([result, union(bodies)])
+    for sign, bodies in runs:
+        if sign == "+":
+            result = union([result, union(bodies)])
+        elif result:
+            result = difference(result, bodies)
     return result
 
 

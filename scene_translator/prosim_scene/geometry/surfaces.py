@@ -2,6 +2,7 @@
 with the media on both sides of a face.
 """
 
+import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -161,7 +162,7 @@ def tessellate(
     reflects = tuple(number == OPAQUE and look.fresnel for number, look in zip(media_of, looks))
     faces = cache.surface_for(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _surface_mesh(table, tree, media_of, any(reflects), cut_media > 0),
+        lambda: _surface_mesh(document, table, tree, media_of, any(reflects), cut_media > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     warn_of_enclosure(document, tree, table, [medium == OPAQUE for medium in media_of])
@@ -174,10 +175,26 @@ def tessellate(
     return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
+PATIENCE = 30.0  # a longer evaluation of the CSG tree causes a warning after this number of seconds
+
+
 def _boundary(
-    tree: csg.Tree, table: Leaves, meshes: Tessellation, media_of: list[int], fresnel: bool, cutters: np.ndarray
+    document: Document,
+    table: Leaves,
+    tree: csg.Tree,
+    meshes: Tessellation,
+    media_of: list[int],
+    fresnel: bool,
+    cutters: np.ndarray,
 ) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the resulting solids."""
+    end = time.monotonic() + PATIENCE
+
+    @cache
+    def warn_of_time() -> None:
+        reason = f"the solids of this tree take more than {PATIENCE:g} s, because many of them meet at one place; "
+        document.warn(f"{reason}use fewer of them, or the option --tolerance with a larger number", "csg")
+
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     # For each solid, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
     boxes = meshes.boxes + table.thickness * np.array([[-1.0], [1.0]])
@@ -197,6 +214,8 @@ def _boundary(
 
         @cache
         def mesh() -> Manifold:
+            if time.monotonic() > end:
+                warn_of_time()
             own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[i])
 
@@ -230,11 +249,11 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 
 def _surface_mesh(
-    table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
+    document: Document, table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
 ) -> SurfaceMesh:
     """Evaluates the CSG tree; returns the triangles of the result, sorted by kind, with their normals and uv."""
     meshes = tessellation_of(table)
-    vertices, triangles = _boundary(tree, table, meshes, media_of, fresnel, cutters)
+    vertices, triangles = _boundary(document, table, tree, meshes, media_of, fresnel, cutters)
     faces, count = meshes.faces, max(media_of) + 2  # the number of media, including air
     del meshes  # frees memory
     # The code of a kind is made of the leaf and of the two media; 1 is added to the media, because AIR is -1.

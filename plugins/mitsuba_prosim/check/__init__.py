@@ -12,7 +12,9 @@ They test in the active variant, and then compare the other variants, which are 
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from .report import Report, Result, WrongPluginError
 from .run import check, check_apart
@@ -20,6 +22,14 @@ from .subject import KINDS
 
 __all__ = ["KINDS", "Report", "Result", "WrongPluginError", "check", "check_apart"]
 
-bsdf, emitter, texture, phase, shape, sampler, sensor, integrator, medium, film, rfilter = (
-    partial(check, kind=kind) for kind in KINDS
-)
+
+def _of_kind(kind: str) -> Callable[..., Report]:
+    def test(source: str | Path | Mapping[str, Any], *, node: int = 0, modules: Sequence[str] = ()) -> Report:
+        return check(source, kind, node=node, modules=modules)
+
+    test.__name__ = test.__qualname__ = kind
+    test.__doc__ = f"Tests a plugin of the kind {kind} as :func:`check` does; raises TypeError for another kind."
+    return test
+
+
+bsdf, emitter, texture, phase, shape, sampler, sensor, integrator, medium, film, rfilter = map(_of_kind, KINDS.values())

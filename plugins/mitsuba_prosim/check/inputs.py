@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import drjit as dr
@@ -33,10 +33,23 @@ def rows(value: Any, n: int | None = None) -> np.ndarray:
     return array if n is None else np.broadcast_to(array, (array.shape[0], n))
 
 
+def described(where: Mapping[str, Any], i: int = 0) -> str:
+    """Describes column i of each of some named arrays: the angles of unit vectors, or the numbers, if there are any."""
+    texts = []
+    for name, value in where.items():
+        v = rows(value)[:, i] if np.size(value) else np.zeros(0)
+        numbers = f"({', '.join(f'{x:.4g}' for x in v)})" if len(v) > 1 else f"{v[0]:.4g}" if len(v) else ""
+        if len(v) == 3 and abs(np.linalg.norm(v) - 1) < 1e-3:
+            theta, phi = np.degrees([np.arccos(np.clip(v[2], -1, 1)), np.arctan2(v[1], v[0])])
+            numbers = f"{theta:.1f}° azimuth {phi % 360:.0f}°"
+        texts.append(f"{name} {numbers}".strip())
+    return ", ".join(filter(None, texts))
+
+
 def to_drjit(values: np.ndarray) -> Any:
     """Returns one, two or three rows of numbers, or numbers of scalar variants, as Mitsuba's type."""
     kind = {1: mi.Float, 2: mi.Point2f, 3: mi.Vector3f}[len(values)]
-    return kind(values[0]) if len(values) == 1 else kind(*values)
+    return kind(*values)
 
 
 def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) -> Any:
@@ -47,6 +60,20 @@ def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) ->
     for name, value in fields.items():
         setattr(found, name, value)
     return found
+
+
+def surface(wi: Any, uv: Any, n: int | None = None, wavelengths: Any = None) -> Any:
+    """Returns points of a surface that are seen from the local directions ``wi``."""
+    wi, uv, u, v = mi.Vector3f(wi), mi.Point2f(uv), mi.Vector3f(1, 0, 0), mi.Vector3f(0, 1, 0)
+    frame, n = mi.Frame3f(u, v, mi.Vector3f(0, 0, 1)), n or dr.width(wi)
+    fields = {"uv": uv, "t": mi.Float(1), "n": frame.n, "sh_frame": frame, "dp_du": u, "dp_dv": v}
+    fields |= {"wi": wi + dr.zeros(mi.Vector3f, n), "p": mi.Point3f(uv.x, uv.y, 0)}
+    return interaction(mi.SurfaceInteraction3f, n, wavelengths, **fields)
+
+
+def octant(p: np.ndarray) -> np.ndarray:
+    """Returns the number of the octant of each vector, from 0 to 7."""
+    return ((p > 0) * [[1], [2], [4]]).sum(axis=0)
 
 
 def lit(spectrum: Any) -> Any:
@@ -61,8 +88,3 @@ def contexts(plugin: Any, kind: Any) -> Iterator[tuple[str, Any, int]]:
         ctx = kind()
         ctx.component = i
         yield f"component {i}, ", ctx, plugin.flags(i)
-
-
-def place(name: str, p: Any) -> Callable[[int], str]:
-    """Returns a function that describes point i of ``p``, shape (2 or 3, n)."""
-    return lambda i: f"{name} ({', '.join(f'{x:.3f}' for x in rows(p)[:, i])})"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from .inputs import rows
+from .inputs import described, rows
 from .statistics import sidak
 
 #: Probability that a right plugin fails any statistical test of its report.
@@ -41,6 +40,14 @@ class Result:
     picture: Any = field(default=None, repr=False)
     variant: str = field(default_factory=lambda: mi.variant() or "")
 
+    def line(self, times: int) -> str:
+        """Returns the result as a row of the table, which stands for that many results of the test."""
+        p = "" if self.p_value is None else f"p = {self.p_value:.2g}"
+        measured = ", ".join(filter(None, [self.statistic, p]))
+        where = f"; {self.where} ({self.variant})" if self.where and self.verdict != OK else ""
+        count = f" ({times} times)" if times > 1 else ""
+        return f"  {self.verdict:<11}{self.test}{count}: {measured}{where}".rstrip(": ")
+
 
 class Report:
     """All results of one plugin; ``plugin`` is its name in the table, and ``kind`` is "bsdf", "emitter" and so on."""
@@ -59,62 +66,45 @@ class Report:
         self.results.append(Result(*values, **more))
 
     def require(
-        self,
-        test: str,
-        right: Any,
-        where: Any = "",
-        *,
-        on: Any = True,
-        share: float = 0.0,
-        worst: str = FAILS,
-        found: Callable[[int], str] = lambda i: "not so",
+        self, test: str, right: Any, where: Any = "", *, on: Any = True, share: float = 0, worst: str = FAILS
     ) -> None:
         """Adds the result of a condition: ``right`` is an array of shape (..., n) of booleans, which is tested in the
         columns ``on``, if there are any; the ``share`` of them may be false.
 
-        ``where`` is a text, or a function that describes column i, and ``found`` tells what is wrong there. ``worst``
-        is the verdict if too many are false.
+        ``where`` is a text, or named arrays of shape (..., n) that describe the columns. ``worst`` is the verdict if
+        too many are false.
         """
         right, on = np.broadcast_arrays(np.atleast_2d(right).all(axis=0), on)
         wrong, count = np.flatnonzero(on & ~right), on.sum()
         if len(wrong) > share * count:
-            i = int(wrong[len(wrong) // 2])
-            times = f"; {len(wrong) / count:.1%} of {count} inputs fail" if count > 1 else ""
-            self.add(test, worst, found(i) + times, where(i) if callable(where) else where)
+            times = f"{len(wrong) / count:.1%} of {count} inputs fail" if count > 1 else "not so"
+            where = {where: ()} if isinstance(where, str) else where
+            self.add(test, worst, times, described(where, int(wrong[len(wrong) // 2])))
         elif count:
             self.add(test, OK, f"{count} inputs agree" if count > 1 else "")
 
     def equal(
-        self,
-        test: str,
-        values: Any,
-        expected: Any,
-        where: Any = "",
-        *,
-        on: Any = True,
-        tolerance: float = 0.02,
-        floor: float = 1e-4,
-        **limits: Any,
+        self, test: str, values: Any, expected: Any, where: Any = "", tolerance: Any = (0.02, 1e-4), **limits: Any
     ) -> None:
-        """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit, in the columns ``on``.
+        """Adds the result of comparing two arrays of shape (..., n), or values of Dr.Jit.
 
-        Values differ if their difference is above ``tolerance`` times the larger one, and above ``floor`` times the
-        mean of ``expected``. ``limits`` are ``share`` and ``worst`` of :meth:`require`; by default 0.5 % of the columns
-        may differ, because a few inputs lie where single precision is coarse.
+        Values differ if their difference is above ``tolerance[0]`` times the larger one, and above ``tolerance[1]``
+        times the mean of ``expected``. ``limits`` are ``on``, ``share`` and ``worst`` of :meth:`require`; by default
+        0.5 % of the columns may differ, because a few inputs lie where single precision is coarse.
         """
-        values, expected, on = np.broadcast_arrays(rows(values), rows(expected), np.atleast_2d(on).all(axis=0))
+        on = np.atleast_2d(limits.pop("on", True)).all(axis=0)
+        values, expected, on = np.broadcast_arrays(rows(values), rows(expected), on)
         if not (on := on[0]).any():
             return
         larger = np.maximum(np.abs(values), np.abs(expected))
-        scale = floor * np.nanmean(np.minimum(np.abs(expected[:, on]), 1e6)) + 1e-12
-        right = np.abs(values - expected) <= np.maximum(tolerance * larger, scale)
+        scale = tolerance[1] * np.nanmean(np.minimum(np.abs(expected[:, on]), 1e6)) + 1e-12
+        right = np.abs(values - expected) <= np.maximum(tolerance[0] * larger, scale)
         right |= ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
-
-        def found(i: int) -> str:
-            channel = int(np.argmin(right[:, i]))
-            return f"{values[channel, i]:.4g} instead of {expected[channel, i]:.4g}"
-
-        self.require(test, right, where, on=on, found=found, **{"share": 0.005, **limits})
+        channel = np.argmin(right, axis=0)[None]
+        named = {"found": values, "expected": expected}
+        named = {name: np.take_along_axis(value, channel, axis=0) for name, value in named.items()}
+        where = named | ({where: ()} if isinstance(where, str) else where)
+        self.require(test, right, where, on=on, **{"share": 0.005, **limits})
 
     def finite(self, name: str, values: Any, where: Any = "", *, on: Any = True, least: float = 0.0) -> None:
         """Adds whether values are finite, and not below ``least``."""
@@ -145,13 +135,8 @@ class Report:
         lines = [f"{self.kind} {self.plugin}: {'right' if self.ok else 'WRONG'}"]
         for test in dict.fromkeys(result.test for result in self.results):
             results = [result for result in self.results if result.test == test]
-            p_values = [1.0 if r.p_value is None else r.p_value for r in results]
-            i = max(range(len(results)), key=lambda i: (VERDICTS.index(results[i].verdict), -p_values[i]))
-            worst, times = results[i], f" ({len(results)} times)" if len(results) > 1 else ""
-            p = "" if worst.p_value is None else f"p = {worst.p_value:.2g}"
-            where = f"; {worst.where} ({worst.variant})" if worst.where and worst.verdict != OK else ""
-            measured = ", ".join(filter(None, [worst.statistic, p])) + where
-            lines.append(f"  {worst.verdict:<11}{test}{times}: {measured}".rstrip(": "))
+            worst = max(results, key=lambda r: (VERDICTS.index(r.verdict), -1 if r.p_value is None else -r.p_value))
+            lines.append(worst.line(len(results)))
         return "\n".join(lines)
 
     def json(self) -> dict[str, Any]:
@@ -164,6 +149,8 @@ class Report:
         wrong = [r.picture for r in self.results if r.verdict == FAILS and r.picture is not None]
         paths = [folder / f"check-{self.plugin}-{i}.png" for i in range(len(wrong))]
         for (density, samples), path in zip(wrong, paths):
-            panels = np.hstack([density, samples, np.abs(samples - density)]) / max(np.quantile(density, 0.999), 1e-6)
-            mi.util.write_bitmap(str(path), np.kron(panels, np.ones((6, 6))), write_async=False)
+            panels = np.array([density, samples, np.abs(samples - density)])
+            panels /= max(np.quantile(panels, 0.999), 1e-6)
+            framed = np.hstack([np.pad(np.kron(panel, np.ones((6, 6))), 2, constant_values=0.2) for panel in panels])
+            mi.util.write_bitmap(str(path), framed, write_async=False)
         return paths

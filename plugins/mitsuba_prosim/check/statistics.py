@@ -13,6 +13,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .inputs import described
+
 #: Samples, cells per side, and points per side of a cell, of a chi-squared test.
 SAMPLES, CELLS, POINTS = 2**18, 51, (6, 24)
 
@@ -46,32 +48,43 @@ def welch(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-4) -> dict[str, An
     return {"statistic": f"{mean_a:.4g} and {mean_b:.4g}", "p_value": p}
 
 
-def chi_squared(sample: Callable, pdf: Callable, dimensions: int = 3, domain: Any = None) -> dict[str, Any]:
+def chi_squared(
+    sample: Callable, pdf: Callable, dimensions: int = 3, end: float = 1.0, start: float = 0.0
+) -> dict[str, Any]:
     """Tests the claim that samples have a density.
 
-    ``sample`` maps uniform numbers of some ``dimensions`` to a point of the ``domain`` (default: the sphere) and
-    whether it is valid; ``pdf`` is the density of a point. If the integral of the density over the cells changes with
-    finer steps, the lobe is too narrow for the cells, and is not tested.
+    ``sample`` maps three uniform numbers to a direction, or two to a point of the unit square, or one to a number from
+    ``start`` to ``end``; or it returns this and whether it is valid. ``pdf`` is the density. If its integral over the
+    cells changes with finer steps, the lobe is too narrow for the cells, and is not tested.
     """
-    from mitsuba.chi2 import ChiSquareTest, SphericalDomain
+    from mitsuba.chi2 import ChiSquareTest, LineDomain, PlanarDomain, SphericalDomain
+
+    square = mi.ScalarBoundingBox2f([0, 0], [1, 1])
+    domain = (LineDomain([start, end]), PlanarDomain(square), SphericalDomain())[dimensions - 1]
 
     def sampled(u: Any) -> tuple[Any, Any]:
-        point, valid = sample(u)
-        return dr.select(valid, point, 0.5), dr.select(valid, mi.Float(1), 0)
+        found = sample(u)
+        point, valid = found if isinstance(found, tuple) else (found, mi.Bool(True))
+        point = dr.select(valid, point, 0.5)
+        return mi.Vector1f(point) if dimensions == 1 else point, dr.select(valid, mi.Float(1), 0)
 
     def density(point: Any) -> Any:
         return pdf(point) + dr.zeros(mi.Float, dr.width(point))
 
-    chi2 = ChiSquareTest(domain or SphericalDomain(), sampled, density, dimensions, SAMPLES, CELLS, POINTS[0], seed=1)
+    chi2 = ChiSquareTest(domain, sampled, density, dimensions, SAMPLES, CELLS, POINTS[0], seed=1)
     if (p := _p_value(chi2)) < 1e-3:
         coarse, chi2.ires, chi2.pdf, chi2.fail = chi2.pdf, POINTS[1], None, False
         p = _p_value(chi2)
         change, error = (float(dr.sum(dr.abs(chi2.pdf - v))[0] / SAMPLES) for v in (coarse, chi2.histogram))
         if p < 1e-3 and change > 0.3 * error and change > 2e-3:
             return {"verdict": "not tested", "statistic": "the lobe is narrower than the cells"}
-    picture = tuple(np.array(one).reshape(int(chi2.res[1]), -1) for one in (chi2.pdf, chi2.histogram))
+    picture = [np.array(one).reshape(int(chi2.res[1]), -1) for one in (chi2.pdf, chi2.histogram)]
     p = 1.0 if p < 1e-3 and deviation(*picture) < RELATIVE else p
     masses = f"density {chi2.pdf_sum[0]:.4f}, samples {chi2.histogram_sum[0]:.4f}"
+    if p < 1e-3:
+        cell = np.unravel_index(np.abs(picture[1] - picture[0]).argmax(), picture[0].shape)[::-1]
+        middle = chi2.bounds.min + (mi.ScalarPoint2f(cell) + 0.5) / chi2.res * chi2.bounds.extents()
+        masses += f", most different {described({'at': domain.map_forward(mi.Point2f(middle))})}"
     return {"statistic": masses, "p_value": p, "picture": picture}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +15,21 @@ import numpy as np
 from prosim_scene import TemporaryFolder
 
 from ..compat import children
-from ..registry import PLUGINS
 from ..scene import scene_file, session
 
-#: The kinds of plugins that have tests: name -> name of Mitsuba's class and object type.
+#: The kinds of plugins that have tests: name of Mitsuba's class -> name.
 KINDS = {
-    "bsdf": "BSDF",
-    "emitter": "Emitter",
-    "texture": "Texture",
-    "phase": "PhaseFunction",
-    "shape": "Shape",
-    "sampler": "Sampler",
-    "sensor": "Sensor",
-    "integrator": "Integrator",
-    "medium": "Medium",
-    "film": "Film",
-    "rfilter": "ReconstructionFilter",
+    "BSDF": "bsdf",
+    "Emitter": "emitter",
+    "Texture": "texture",
+    "PhaseFunction": "phase",
+    "Shape": "shape",
+    "Sampler": "sampler",
+    "Sensor": "sensor",
+    "Integrator": "integrator",
+    "Medium": "medium",
+    "Film": "film",
+    "ReconstructionFilter": "rfilter",
 }
 
 #: What plugins cannot be loaded without, if only numbers and texts are given; volpath is the reference of images.
@@ -54,9 +53,8 @@ class Subject:
     """
 
     def __init__(self, source: str | Path | Mapping[str, Any], node: int = 0, modules: Sequence[str] = ()) -> None:
-        self.is_text = isinstance(source, str) and source.lstrip().startswith("<")
-        if isinstance(source, str) and not self.is_text and not Path(source).suffix:
-            source = {"type": source}
+        if isinstance(source, str) and not source.lstrip().startswith("<"):
+            source = Path(source) if Path(source).suffix else {"type": source}
         self.source, self.node, self.modules = source, node, tuple(modules)
         self._states: dict[str, Any] = {}
 
@@ -85,15 +83,15 @@ class Subject:
         return self._states[variant]
 
     def _parse(self, config: Any) -> Any:
-        if isinstance(self.source, Mapping):
+        if isinstance(self.source, Path):
+            self._folder = TemporaryFolder()
+            return scene_file.SceneFile(self.source, self._folder.path).state
+        if isinstance(self.source, str):
+            state = mi.parser.parse_string(config, self.source)
+        else:
             plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
             defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
             state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
-        elif self.is_text:
-            state = mi.parser.parse_string(config, self.source)
-        else:
-            self._folder = TemporaryFolder()
-            return scene_file.SceneFile(self.source, self._folder.path).state
         mi.parser.transform_resolve_references(config, state)
         return state
 
@@ -107,11 +105,16 @@ class Subject:
         """The plugin's type."""
         return str(self.props.plugin_name())
 
+    @property
+    def class_name(self) -> str:
+        """The name of Mitsuba's class of the plugin, such as BSDF."""
+        return str(self.state.nodes[self.node].type.name)
+
     def load(self, **changes: Any) -> Any:
         """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""
         config = mi.parser.ParserConfig(mi.variant() or "")
-        state = mi.parser.ParserState(self.state)
-        root = mi.parser.SceneNode()
+        config.parallel = config.merge_meshes = False
+        state, root = mi.parser.ParserState(self.state), mi.parser.SceneNode()
         root.type, root.props = state.nodes[self.node].type, mi.Properties(state.nodes[self.node].props)
         for key, value in changes.items():
             if value is not None:
@@ -119,8 +122,6 @@ class Subject:
             elif key in root.props:
                 del root.props[key]
         state.nodes[0] = root
-        config.parallel = not any(node.props.plugin_name() in PLUGINS for node in state.nodes) and not self.modules
-        config.merge_meshes = False
         mi.parser.transform_all(config, state)
         with session.search_path([self.source.parent] if isinstance(self.source, Path) else []):
             loaded = mi.parser.instantiate(config, state)
@@ -128,18 +129,17 @@ class Subject:
 
     def changed(self, **changes: Any) -> Any:
         """Returns what :meth:`load` returns; None if the plugin refuses the changes."""
-        try:
+        with suppress(*REFUSED):
             return self.load(**changes)
-        except REFUSED:
-            return None
+        return None
 
     def nodes(self) -> Iterator[int]:
         """Yields the number of each plugin of the scene that has tests, equal plugins once."""
-        seen, types = set(), [getattr(mi.ObjectType, name) for name in KINDS.values()]
+        seen = set()
         for number, node in enumerate(self.state.nodes):
             nested = [(name, str(self.state.nodes[child.index()].props)) for name, child in children(node.props)]
-            key = str(node.type), node.props.plugin_name(), str(node.props).partition("elements")[2], str(nested)
-            if node.type in types and key not in seen:
+            key = node.type.name, node.props.plugin_name(), str(node.props).partition("elements")[2], str(nested)
+            if node.type.name in KINDS and key not in seen:
                 seen.add(key)
                 yield number
 
@@ -163,11 +163,3 @@ def _copied(value: Any) -> Any:
     if isinstance(value, mi.Bitmap):
         return mi.Bitmap(value)
     return mi.TensorXf(np.array(value)) if dr.is_tensor_v(value) else value
-
-
-def kind_of(loaded: Any) -> str:
-    """Returns the kind of a loaded object; raises TypeError for a kind that has no tests."""
-    for kind, name in KINDS.items():
-        if isinstance(loaded, getattr(mi, name)):
-            return kind
-    raise TypeError(f"there are no tests for {type(loaded).__name__}; they exist for {', '.join(KINDS)}")

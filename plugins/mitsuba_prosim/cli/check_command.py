@@ -14,6 +14,11 @@ import mitsuba as mi
 from .job import Command, Job, job_options
 from .option_types import DEFINITION, InputError, input_errors, option
 
+#: What pictures show of plugins that sample directions.
+AXES = dict.fromkeys(
+    ("bsdf", "emitter", "phase"), "; down: cosine of the polar angle, right: azimuth from -180° to 180°"
+)
+
 
 @click.command(cls=Command)
 @click.argument("plugin")
@@ -67,7 +72,7 @@ def check(
             if not as_json:
                 click.echo(report.table())
                 for path in report.write_pictures(pictures):
-                    click.echo(f"  {path}")
+                    click.echo(f"  {path}: density, samples, difference{AXES.get(report.kind, '')}")
     if as_json:
         click.echo(json.dumps([report.json() for report in reports], indent=1))
     sys.exit(not all(report.ok for report in reports))

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, lit, place, rows, uniform
+from ..inputs import directions, interaction, lit, octant, rows, uniform
 from ..report import NOTE, SKIPPED
 from ..statistics import welch
 from ..tests import Tests
@@ -100,7 +100,7 @@ class Emitter(Tests):
     def octants(self, test: str, lamp: Lamp, *terms: tuple[np.ndarray, np.ndarray]) -> None:
         """Compares two samples of light, each the light (channels, n) and where it is (3, n), in each octant."""
         for side in range(8):
-            a, b = (v.mean(axis=0) * (((p > 0) * [[1], [2], [4]]).sum(axis=0) == side) for v, p in terms)
+            a, b = (v.mean(axis=0) * (octant(p) == side) for v, p in terms)
             self.report.add(test, where=f"{lamp.name} octant {side}".strip(), **welch(a, b))
 
     def test_directions(self, lamp: Lamp) -> None:
@@ -108,7 +108,7 @@ class Emitter(Tests):
         equal, require = self.report.equal, self.report.require
         it = point(lamp.receivers(INPUTS, 2))
         ds, d, weight = lamp.aimed(it, INPUTS, 4)
-        pdf, found, where = rows(ds.pdf, INPUTS), (weight > 0).any(axis=0), place(f"{lamp.name} from", it.p)
+        pdf, found, where = rows(ds.pdf, INPUTS), (weight > 0).any(axis=0), {f"{lamp.name} from": it.p}
         least = -0.05 * np.nanmax(weight)  # a fit may be below 0
         self.report.finite("weight", weight, where, on=pdf[0] > 0, least=least)
         self.report.unit("sampled directions", d, where, on=found)
@@ -143,8 +143,7 @@ class Emitter(Tests):
     def test_density(self, lamp: Lamp) -> None:
         """Directions of sample_direction() have the density of pdf_direction(), from two places."""
         for receiver in rows(lamp.receivers(2, 11)).T if not lamp.ideal else ():
-            p = mi.Point3f(*map(float, receiver))
-            dr.make_opaque(p)
+            dr.make_opaque(p := mi.Point3f(*map(float, receiver)))
             self.density(f"{lamp.name} from {receiver.round(2)}", lamp, None, partial(point, p))
 
     def test_light(self, lamp: Lamp) -> None:

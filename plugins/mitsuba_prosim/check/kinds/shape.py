@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, rows, uniform
+from ..inputs import directions, interaction, octant, rows, uniform
 from ..statistics import welch
 from ..tests import Tests
 
@@ -55,10 +55,6 @@ class Shape(Tests):
         """Random lines meet the shape as often, and where, surface_area() and sample_position() say."""
         scene, shape, centre, size = placed
         radius, middle = 0.51 * size, centre[:, None] + 1e-3 * size * np.array([[1], [2], [3]])
-
-        def octant(p: Any) -> np.ndarray:
-            return ((rows(p, LINES) > middle) * [[1], [2], [4]]).sum(axis=0)
-
         offset = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(uniform(LINES, 2, 3)))
         d = mi.warp.square_to_uniform_sphere(mi.Point2f(uniform(LINES, 2, 4)))
         ray = mi.Ray3f(mi.Point3f(centre) + mi.Frame3f(d).to_world(mi.Vector3f(offset.x, offset.y, -2) * radius), d)
@@ -66,10 +62,10 @@ class Shape(Tests):
         for _ in range(16):
             si = scene.ray_intersect(ray)
             alive = alive & rows(si.is_valid(), LINES)[0].astype(bool)
-            hits[octant(si.p), np.arange(LINES)] += alive
+            hits[octant(rows(si.p) - middle), np.arange(LINES)] += alive
             ray = si.spawn_ray(d)
         expected = float(rows(shape.surface_area())[0, 0]) / (2 * np.pi * radius**2)
-        sampled = octant(shape.sample_position(0.0, mi.Point2f(uniform(LINES, 2, 5))).p)
+        sampled = octant(rows(shape.sample_position(0.0, mi.Point2f(uniform(LINES, 2, 5))).p) - middle)
         for side in range(8):
             here = welch(hits[side], expected * (sampled == side))
             self.report.add("random lines find the area of sampled positions", where=f"octant {side}", **here)

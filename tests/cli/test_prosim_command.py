@@ -11,7 +11,7 @@ from mitsuba_prosim.scene import session
 from mitsuba_prosim.stock_command import stand_ins
 from prosim_scene import extras
 from prosim_start import group
-from running import PALITO, XML, compiled, done, metadata, names, pixels, prosim, refused
+from running import PALITO, compiled, done, metadata, names, pixels, prosim, refused
 
 
 @pytest.mark.slow
@@ -52,24 +52,6 @@ def test_the_two_images_agree(scene):
     srgb = 255 * (1.055 * 0.5 ** (1 / 2.4) - 0.055)
     assert np.all(np.abs(pixels(scene.with_suffix(".png")).astype(int) - srgb) <= 1)
     assert metadata(scene)["seed"] == "3" and metadata(scene)["scene"] == str(scene)
-
-
-@pytest.mark.parametrize(
-    "text, says",
-    [
-        ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
-        (XML.replace("$radiance", "$missing"), "missing"),
-        (XML.replace("path", "prosim_missing"), "not found"),
-        (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
-        ("<scene version='3.0.0'/>", "No sensor specified"),
-    ],
-)
-def test_a_wrong_scene_writes_nothing(scene, text, says):
-    """Images of before stay."""
-    scene.with_suffix(".exr").write_bytes(b"before")
-    scene.write_text(text)
-    refused(says, "render", scene)
-    assert scene.with_suffix(".exr").read_bytes() == b"before"
 
 
 def test_a_wrong_scene_in_the_language(palito):

@@ -270,23 +270,6 @@ def test_message_without_a_readable_line_is_unchanged(tmp_path, write_scene):
     assert with_line(outer + said.format(1)).endswith("     ^")
 
 
-@pytest.mark.parametrize("sampler", ["independent", "stratified", "nrook"])
-@pytest.mark.parametrize("integrator", ["path", "prosim"])
-def test_scene_without_samples_is_refused(tmp_path, sampler, integrator):
-    path = tmp_path / "s.xml"
-    path.write_text(scene_text(f'<integrator type="{integrator}"/>', sampler=sampler, spp=0))
-    refused(f"sample_count is 0 in the sampler {sampler}; give 1 or more", "render", path)
-
-
-@pytest.mark.parametrize("size", [(0, 4), (4, -1)])
-def test_empty_crop_window_is_refused(tmp_path, size):
-    crop = {"crop_offset_x": 0, "crop_offset_y": 0, "crop_width": size[0], "crop_height": size[1]}
-    integers = "".join(f'<integer name="{name}" value="{value}"/>' for name, value in crop.items())
-    path = tmp_path / "s.xml"
-    path.write_text(scene_text().replace("</film>", f"{integers}</film>"))
-    refused("the crop window", "render", path)
-
-
 @pytest.mark.parametrize(
     "integrator",
     [
@@ -309,24 +292,45 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
+#: A crop window without pixels, and a shape from a file that does not exist.
+EMPTY = '<integer name="crop_width" value="{}"/><integer name="crop_height" value="{}"/></film>'
+HAIR = '<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'
+
+
+def ball(plugin, parameter):
+    return scene_text(content=f'<shape type="sphere"><bsdf type="prosim_{plugin}">{parameter}</bsdf></shape>')
+
+
 @pytest.mark.parametrize(
-    "plugin, parameter, says",
+    "text, says",
     [
-        ("lambertian", '<rgb name="kd" value="1"/>', "parameter kd; it has reflectance, ambient\n"),
-        ("phong", '<float name="exponnt" value="9"/>', "exponnt. Did you mean exponent?\n"),
-        ("dielectric", '<float name="n_refr" value="2"/>', "n_refr; it has int_ior, ext_ior, eta,"),
-        ("conductor", '<string name="material" value="Copper"/>', "allowed: Cu for copper;"),
+        ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
+        ("<scene version='3.0.0'/>", "No sensor specified"),
+        (XML.replace("$radiance", "$missing"), "missing"),
+        (XML.replace("path", "prosim_missing"), "not found"),
+        (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),
+        *[
+            (
+                scene_text(f'<integrator type="{integrator}"/>', sampler=sampler, spp=0),
+                f"in the sampler {sampler}; give 1",
+            )
+            for integrator in ("path", "prosim")
+            for sampler in ("independent", "stratified", "nrook")
+        ],
+        *[(XML.replace("</film>", EMPTY.format(*size)), "the crop window") for size in ((0, 4), (4, -1))],
+        (ball("lambertian", '<rgb name="kd" value="1"/>'), "parameter kd; it has reflectance, ambient\n"),
+        (ball("phong", '<float name="exponnt" value="9"/>'), "exponnt. Did you mean exponent?\n"),
+        (ball("dielectric", '<float name="n_refr" value="2"/>'), "n_refr; it has int_ior, ext_ior, eta,"),
+        (ball("conductor", '<string name="material" value="Copper"/>'), "allowed: Cu for copper;"),
+        (scene_text(content=HAIR), 'from "no.txt": file not found!\n'),
     ],
 )
-def test_wrong_parameter_gets_a_suggestion(scene, plugin, parameter, says):
-    bsdf = f'<bsdf type="prosim_{plugin}">{parameter}</bsdf>'
-    scene.write_text(scene_text(content=f'<shape type="sphere">{bsdf}</shape>'))
+def test_wrong_scene_writes_nothing(scene, text, says):
+    """Images of before stay."""
+    scene.with_suffix(".exr").write_bytes(b"before")
+    scene.write_text(text)
     refused(says, "render", scene)
-
-
-def test_missing_hair_file_is_no_missing_plugin(scene):
-    scene.write_text(scene_text(content='<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'))
-    refused('from "no.txt": file not found!\n', "render", scene)
+    assert scene.with_suffix(".exr").read_bytes() == b"before"
 
 
 @pytest.mark.parametrize("option", ["--noise", "--spp"])

@@ -7,33 +7,26 @@ the primitive that stands first in the tree among those that bound the result th
 
 import numpy as np
 from prosim_scene.model import Leaf, Operator
+from scipy.spatial.transform import Rotation
 
 COINCIDENT = 1e-7  # ends of intervals that are nearer to each other are one surface; the scenes are 10 units wide
 
 
-def rotation(axis, degrees):
-    """A 3x3 rotation about a coordinate axis."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    m = np.eye(3)
-    m[i, i] = m[j, j] = c
-    m[i, j], m[j, i] = -s, s
-    return m
-
-
 def placed(transform):
     """The linear part and the offset of a TRANSFORM."""
-    linear, offset = np.eye(3), np.zeros(3)
-    for step in transform.steps:
-        if step.kind == "translate":
-            offset = offset + step.values
-        elif step.kind == "matrix":
-            m = np.reshape(step.values, (3, 4))
-            linear, offset = m[:, :3] @ linear, m[:, :3] @ offset + m[:, 3]
+    result = np.eye(4)
+    for kind, values in ((step.kind, step.values) for step in transform.steps):
+        m = np.eye(4)
+        if kind == "translate":
+            m[:3, 3] = values
+        elif kind == "matrix":
+            m[:3] = np.reshape(values, (3, 4))
+        elif kind == "scale":
+            m[:3, :3] = np.diag(values)
         else:
-            m = np.diag(step.values) if step.kind == "scale" else rotation("xyz".index(step.kind[-1]), step.values[0])
-            linear, offset = m @ linear, m @ offset
-    return linear, offset
+            m[:3, :3] = Rotation.from_euler(kind[-1], values[0], degrees=True).as_matrix()
+        result = m @ result
+    return result[:3, :3], result[:3, 3]
 
 
 def slab(o, d, low, high):
@@ -188,6 +181,11 @@ def turn(rng):
     )
 
 
+def spin(rng):
+    """Steps of a turn about the axis, or none."""
+    return f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < 0.5 else ""
+
+
 def sized(size, at, after=""):
     """Steps that make a primitive this large, and move it."""
     return f"SCALE ({numbers(size)}) TRANSLATE ({numbers(at)}) {after}"
@@ -269,27 +267,16 @@ def unions(rng):
 
 
 def same_quadric(rng):
-    """Poles, cones and balls that lie on one another's surface, in a common placement."""
-    shape = ["CYLINDER", "CONE", "SPHERE"][rng.integers(3)]
-    count = rng.integers(2, 5)
+    """Poles or balls that lie on one another's surface, in a common placement, and something that cuts them."""
+    shape, count = ["CYLINDER", "SPHERE"][rng.integers(2)], rng.integers(2, 5)
     after = f"SCALE ({numbers(rng.uniform(0.6, 2, 3))}) {turn(rng)}"
     transforms = []
     for _ in range(count):
-        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < 0.5 else ""
-        if shape == "CYLINDER":
-            height, low = rng.uniform(0.3, 2), rng.choice([-1, -0.5, 0, 0.5, rng.uniform(-1, 1)])
-            own = f"{spin} SCALE ({numbers([1, 1, height])}) TRANSLATE ({numbers([0, 0, low])})"
-        elif shape == "CONE":
-            factor = rng.choice([0.5, 1, 1.5, rng.uniform(0.5, 1.5)]) * rng.choice([1, 1, 1, -1])
-            own = f"{spin} SCALE ({numbers([factor] * 3)})"
-        else:
-            own = f"{spin} ROTATE-X ({rng.uniform(0, 360)!r}) {spin}"
-        transforms.append(f"{own} {after}")
-    shapes = [shape] * count
-    if rng.random() < 0.5:  # and something that cuts them
-        shapes.append(SHAPES[rng.integers(4)])
-        transforms.append(f"SCALE ({numbers(rng.uniform(0.5, 1.5, 3))}) {turn(rng)}")
-    return text(rng, shapes, transforms, tree(rng, len(shapes)))
+        size, place = [1, 1, rng.uniform(0.3, 2)], [0, 0, rng.choice([-1, -0.5, 0, 0.5, rng.uniform(-1, 1)])]
+        own = sized(size, place) if shape == "CYLINDER" else f"ROTATE-X ({rng.uniform(0, 360)!r})"
+        transforms.append(f"{spin(rng)} {own} {after}")
+    transforms.append(f"SCALE ({numbers(rng.uniform(0.5, 1.5, 3))}) {turn(rng)}")
+    return text(rng, [shape] * count + [SHAPES[rng.integers(4)]], transforms, tree(rng, count + 1))
 
 
 def nested(rng):
@@ -318,8 +305,8 @@ def grazing(rng):
         return "SPHERE", sized([radius] * 3, place, after)
 
     def pole(radius, x, z, shape="CYLINDER", size=2, tilt=90):
-        spin, scale = f"ROTATE-Z ({rng.uniform(0, 360)!r})", numbers([radius, radius, size])
-        return shape, f"{spin} SCALE ({scale}) ROTATE-X ({tilt}) TRANSLATE ({x} 1 {z}) {after}"
+        scale = numbers([radius, radius, size])
+        return shape, f"{spin(rng)} SCALE ({scale}) ROTATE-X ({tilt}) TRANSLATE ({x} 1 {z}) {after}"
 
     solids = [
         ("CUBE", sized([3, 3, 0.5], [-1.5, -1.5, -0.5], after)),
@@ -362,12 +349,12 @@ def slices(rng):
     after = f"SCALE ({numbers(rng.uniform(0.6, 2, 3))}) {turn(rng)}" if rng.random() < 0.7 else ""
     shapes, transforms = [], []
     for _ in range(count):
-        r, factor = rng.choice([0.25, 0.5, 0.75, round(rng.uniform(0.05, 0.9), 3)]), rng.choice([0.5, 1, 2])
-        spin = f"ROTATE-Z ({rng.uniform(0, 360)!r})" if rng.random() < 0.5 else ""
+        r = rng.choice([0.25, 0.5, 0.75, round(rng.uniform(0.05, 0.9), 3)])
+        factor = rng.choice([-1, 0.5, 1, 2, rng.uniform(0.5, 1.5)])
         shape = ["CONE", "CYLINDER", "CUBE", f"CONE radius {r}"][rng.choice(4, p=[0.15, 0.1, 0.15, 0.6])]
         stump = f"SCALE (1 1 {float(1 - r)!r}) TRANSLATE (0 0 {float(r)!r})" if "radius" in shape else ""
         shapes.append(shape)
-        transforms.append(f"{spin} {stump} SCALE ({numbers([factor] * 3)}) {after}")
+        transforms.append(f"{spin(rng)} {stump} SCALE ({numbers([factor] * 3)}) {after}")
     return text(rng, shapes, transforms, tree(rng, count))
 
 

@@ -274,33 +274,27 @@ def turns(count, seed=1):
         yield f"ROTATE-X ({x}) ROTATE-Y ({y}) ROTATE-Z ({z}) TRANSLATE ({x / 90} {y / 90} {z / 90})"
 
 
-#: Name -> the tree and its transforms (then comes a random turn); areas of the meshes and their volume.
+HALF, BAND = "SCALE (.5 .5 .5) TRANSLATE (.25 .25 .5)", "ROTATE-Z (17) SCALE (1 1 2) TRANSLATE (0 0 4)"
+POLE, SHORT = "SCALE (1 1 10)", "SCALE (1 -1 5) ROTATE-Z (31)"
+#: Name -> the tree and its transforms (then comes a random turn); the areas of the meshes; their volume.
 TURNED = {
-    "a flush cut is open": (
-        ("- CUBE 0 CUBE 1", "", "SCALE (.5 .5 .5) TRANSLATE (.25 .25 .5)"),
-        ({0: 6 - 0.25, 1: 5 * 0.25}, 1 - 0.125),
-    ),
-    "touching blocks have no wall": (("+ CUBE 0 CUBE 1", "", "TRANSLATE (1 0 0)"), ({0: 5, 1: 5}, 2)),
-    "blocks that touch along an edge": (("+ CUBE 0 CUBE 1", "", "TRANSLATE (1 0 1)"), ({0: 6, 1: 6}, 2)),
-    "a band on a pole of its own width hides the pole": (
-        ("+ CYLINDER 0 CYLINDER 1", "ROTATE-Z (17) SCALE (1 1 2) TRANSLATE (0 0 4)", "SCALE (1 1 10)"),
-        ({0: 4 * math.pi, 1: 18 * math.pi}, 10 * math.pi),
-    ),
-    "a pole less a shorter one": (  # of which there is the disc, and nothing of its side
-        ("- CYLINDER 0 CYLINDER 1", "SCALE (1 1 10)", "SCALE (1 -1 5) ROTATE-Z (31)"),
-        ({0: 11 * math.pi, 1: math.pi}, 5 * math.pi),
-    ),
+    "a flush cut is open": ("- CUBE 0 CUBE 1", ["", HALF], [6 - 0.25, 5 * 0.25], 1 - 0.125),
+    "touching blocks have no wall": ("+ CUBE 0 CUBE 1", ["", "TRANSLATE (1 0 0)"], [5, 5], 2),
+    "blocks that touch along an edge": ("+ CUBE 0 CUBE 1", ["", "TRANSLATE (1 0 1)"], [6, 6], 2),
+    "a band hides its pole": ("+ CYLINDER 0 CYLINDER 1", [BAND, POLE], [4 * math.pi, 18 * math.pi], 10 * math.pi),
+    # of the second one there is the disc, and nothing of its side
+    "a pole less a shorter one": ("- CYLINDER 0 CYLINDER 1", [POLE, SHORT], [11 * math.pi, math.pi], 5 * math.pi),
 }
 
 
 @pytest.mark.parametrize("name", TURNED)
 def test_coincident_faces_of_turned_solids(name):
-    (tree, *transforms), (areas, expected) = TURNED[name]
+    tree, transforms, areas, expected = TURNED[name]
     near = 3e-3 if "CYLINDER" in tree else 1e-6
     for turn in turns(6, seed=len(name)):
         meshes = solids(scene(tree, [f"{steps} {turn}" for steps in transforms]))
         assert_closed(meshes.values())
-        assert {i: area(mesh) for i, mesh in meshes.items()} == pytest.approx(areas, rel=near)
+        assert {i: area(mesh) for i, mesh in meshes.items()} == pytest.approx(dict(enumerate(areas)), rel=near)
         assert volume(list(meshes.values())) == pytest.approx(expected, rel=near), turn
 
 

@@ -233,16 +233,11 @@ def test_warning_names_an_opaque_surface_that_lines_glass(tree, surfaces, words,
 
 @pytest.fixture
 def glass(write_scene):
-    def write(surface, tree="SPHERE 0", more="", view="WINDOW -.1 -.1 .1 .1 OBS 0 0 9"):
-        return write_scene(f"""
-        AMBIENT 65535 65535 65535  BACKGROUND 65535 65535 65535  MAX-LEVEL 6
-        LIGHTS AREA position 0 50 0  VIEW RESOLUTION 9 9 {view}
-        CSG-TREE {tree}
-        SURFACE 0 material dieletrico {surface}
-        TRANSFORM 0 SCALE (1 1 1)
-        {more}
-        END
-        """)
+    light = "AMBIENT 65535 65535 65535 BACKGROUND 65535 65535 65535 MAX-LEVEL 6 LIGHTS AREA position 0 50 0"
+
+    def write(surface, tree="SPHERE 0", more="", eye=9):
+        view = f"VIEW RESOLUTION 9 9 WINDOW -.01 -.01 .01 .01 OBS 0 0 {eye} CSG-TREE {tree}"
+        return write_scene(f"{light} {view} SURFACE 0 material dieletrico {surface} TRANSFORM 0 {more} END")
 
     return write
 
@@ -281,23 +276,17 @@ def test_medium_transmits_the_given_share_after_the_thickness(glass):
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize(
-    "tree, view, length",
-    [
-        ("SPHERE 0", "WINDOW -.01 -.01 .01 .01 OBS 0 0 9", 2),
-        ("- SPHERE 0 SPHERE 1", "WINDOW -.01 -.01 .01 .01 OBS 0 0 9", 1.2),  # hollow: faces that were cut are turned
-        ("SPHERE 0", "WINDOW -.01 -.01 .01 .01 OBS 0 0 .5", 1.5),  # the eye within
-        ("+ SPHERE 0 CYLINDER 2", "WINDOW -.01 -.01 .01 .01 OBS 0 0 9", 1),  # half of it behind a white card
-    ],
-    ids=["ball", "hollow ball", "eye within", "card within"],
+    "tree, eye, length",
+    [("SPHERE 0", 9, 2), ("- SPHERE 0 SPHERE 1", 9, 1.2), ("SPHERE 0", 0.5, 1.5), ("+ SPHERE 0 CYLINDER 2", 9, 1)],
+    ids=["ball", "hollow ball, whose faces that were cut are turned", "eye within", "half of it behind a white card"],
 )
-def test_ball_absorbs_by_its_thickness(variant_rgb, tmp_path, glass, tree, view, length):
+def test_ball_absorbs_by_its_thickness(variant_rgb, tmp_path, glass, tree, eye, length):
     """Of index 1, it is seen by nothing but its colour; from XML, as the commands read it."""
     more = """
         SURFACE 1 material dieletrico n-refr = 1 transmitancia .25 1 .5 TRANSFORM 1 SCALE (.4 .4 .4)
         SURFACE 2 material lambertiano kd = 0 ka = 1 TRANSFORM 2 SCALE (.2 .2 .5) ROTATE-X (180)
     """
-    path = glass("n-refr = 1 transmitancia .25 1 .5", tree, more, view)
-    xml = prosim_scene.translate(path, tmp_path / "out")
+    xml = prosim_scene.translate(glass("n-refr = 1 transmitancia .25 1 .5", tree, more, eye), tmp_path / "out")
     image = np.array(mi.render(mi.load_file(str(xml), parallel=False)))
     assert image[4, 4] == pytest.approx(np.array([0.25, 1, 0.5]) ** length, abs=1e-3)
     assert math.isclose(image[..., 1].min(), 1, abs_tol=1e-4)

@@ -14,60 +14,51 @@ def scene(write_scene):
 
 
 @pytest.fixture
-def link(scene, tmp_path_factory):
-    """Makes a link in the scene's folder to a file outside, and returns the outside file."""
-    outside = tmp_path_factory.mktemp("outside") / "rc"
-    outside.write_text("mine")
-
-    def make(name):
-        (scene.parent / name).symlink_to(outside)
-        return outside
-
-    return make
+def outside(tmp_path_factory):
+    """A file outside of the scene's folder."""
+    path = tmp_path_factory.mktemp("outside") / "rc"
+    path.write_text("mine")
+    return path
 
 
 COMPARE = "prosim", "path", "--rounds", 1, "--sqrt-spp", "1,2", "--reference-seconds", 0
 
 
 @pytest.mark.parametrize(
-    "name, command",
+    "outputs, command",
     [
-        ("scene.exr", ["render"]),
-        ("scene.png", ["render"]),
+        ("scene.exr scene.png", ["render"]),
         ("scene.state.npz", ["render", "--checkpoint"]),
         ("scene.1-of-1.npz", ["render", "--part", "1/1"]),
         ("scene.9.exr", ["render", "--snapshots", "9"]),
-        ("scene.0000.exr", ["render", "--frames", "0"]),
-        ("scene.0000.png", ["render", "--frames", "0"]),
-        ("s.xml", ["translate"]),
-        ("s-meshes/m.ply", ["translate"]),
-        ("a-mix.exr", ["mix"]),
-        pytest.param("scene-compare.html", ["compare"], marks=pytest.mark.slow),
-        pytest.param("scene-compare.json", ["compare"], marks=pytest.mark.slow),
+        ("scene.0000.exr scene.0000.png", ["render", "--frames", "0"]),
+        ("a-mix.exr", ["mix", "lamp1=0.5"]),
+        pytest.param("scene-compare.html scene-compare.json", ["compare", *COMPARE], marks=pytest.mark.slow),
     ],
 )
-def test_link_in_the_place_of_an_output_is_replaced(scene, link, palito, name, command):
+def test_link_in_the_place_of_an_output_is_replaced(scene, outside, outputs, command):
     command, *options = command
     if command == "mix":
         done("render", scene, "--layers", "lights", "-o", scene.with_name("a"))
-        arguments = scene.with_name("a.exr"), "lamp1=0.5"
-    elif command == "translate":
-        scene = palito.rename(palito.with_name("s.scn"))
-        done("translate", scene)
-        old = scene.with_name("s.xml") if name == "s.xml" else next(scene.with_name("s-meshes").iterdir())
-        name, content = str(old.relative_to(scene.parent)), old.read_bytes()
-        old.unlink()
-        arguments = (scene,)
-    else:
-        arguments = scene, *(COMPARE if command == "compare" else options)
-    outside = link(name)
-    if command == "translate":
-        outside.write_bytes(content)  # the translation replaces no other file
-    before = outside.read_bytes()
-    done(command, *arguments)
-    result = scene.parent / name
-    assert result.is_file() and not result.is_symlink() and result.stat().st_size > 100
-    assert outside.read_bytes() == before and names(outside.parent) == ["rc"]
+    for name in outputs.split():
+        scene.with_name(name).symlink_to(outside)
+    done(command, scene.with_name("a.exr") if command == "mix" else scene, *options)
+    for result in map(scene.with_name, outputs.split()):
+        assert result.is_file() and not result.is_symlink() and result.stat().st_size > 100
+    assert outside.read_text() == "mine" and names(outside.parent) == ["rc"]
+
+
+def test_link_in_the_place_of_a_translation_is_replaced(palito, outside):
+    """If it leads to an earlier translation, because no other file is replaced."""
+    done("translate", palito)
+    results = palito.with_suffix(".xml"), next(palito.with_name("listing-meshes").iterdir())
+    for result in results:
+        outside.write_bytes(before := result.read_bytes())
+        result.unlink()
+        result.symlink_to(outside)
+        done("translate", palito)
+        assert result.is_file() and not result.is_symlink() and outside.read_bytes() == before
+    assert names(outside.parent) == ["rc"]
 
 
 def test_link_to_a_folder_of_meshes_is_refused(palito, tmp_path_factory):

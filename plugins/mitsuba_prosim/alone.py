@@ -21,15 +21,13 @@ def alone() -> Iterator[None]:
     A thread that holds the lock may call this function again. Do not hold the lock while the user's code runs, nor
     across the ``yield`` of an iterator.
 
-    Two threads must not load scenes at the same time, because Mitsuba 3.9 has only one search path for files and one
-    number of threads per process, and loading a scene replaces the search path. A kernel must not be traced while
-    another thread loads a scene, because a kernel contains calls of the objects of all scenes, including the incomplete
-    objects of the scene that is being loaded.
+    Two threads must not load scenes at the same time, because Mitsuba 3.9 has only one search path per process, which
+    loading replaces. A kernel must not be traced while another thread loads a scene, because it contains calls of the
+    objects of all scenes, also of incomplete ones.
 
-    Python's garbage collector frees scenes, because scenes are in reference cycles. If the collector freed a scene
-    while a kernel is traced, virtual function calls before and after this moment would differ in the number of
-    instances. If the numbers of instances differ, Dr.Jit 1.5 writes a function twice into the kernel, and LLVM aborts
-    the process. This function pauses the collector by the collector's threshold, not by ``gc.disable``, because
+    If the garbage collector freed a scene, which is in reference cycles, while a kernel is traced, virtual function
+    calls before and after would have different instances. Dr.Jit 1.5 would then write a function twice into the kernel,
+    and LLVM would abort the process. The collector is paused by its threshold, not by ``gc.disable``, because
     :mod:`prosim_scene` may call ``gc.enable`` in another thread.
     """
     with _lock:

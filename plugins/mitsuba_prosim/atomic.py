@@ -22,10 +22,8 @@ Content = bytes | memoryview | Callable[[Path], None]
 
 
 def check(paths: Iterable[Path], size: int) -> None:
-    """Checks that the files ``paths``, with ``size`` bytes in total, can be written; writes none of these files.
-
-    Raises OSError if a name is too long, a folder or a device has the name of a file, a link leads to no folder, a
-    folder is read-only, or a disk is full.
+    """Raises OSError unless the files ``paths``, with ``size`` bytes in total, can be written: if a name is too long, a
+    folder or a device has the name, a link leads to no folder, a folder is read-only, or a disk is full.
     """
     for path in paths:
         with suppress(FileNotFoundError):
@@ -49,10 +47,9 @@ def check(paths: Iterable[Path], size: int) -> None:
 def write(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files, creates their folders, and returns the paths of the files.
 
-    Each existing file is replaced only when the new file is complete; a killed process leaves no unfinished file. A
-    file that is replaced keeps its access permissions; a symbolic link is replaced by the file. Raises OSError if a
-    file cannot be written; this file and the later files in ``contents`` stay unchanged, and the earlier files are
-    written.
+    A file is replaced only when the new one is complete, and keeps its access permissions; a symbolic link is replaced
+    by the file. A killed process leaves no unfinished file. Raises OSError if a file cannot be written; this file and
+    the later ones stay unchanged, the earlier ones are written.
     """
     folders = {path: path.absolute().with_name(UNFINISHED + secrets.token_hex(6)) for path in contents}
     with guard(folders.values()):
@@ -64,10 +61,8 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
 
 
 def rescue(contents: Mapping[Path, Content]) -> list[Path]:
-    """Writes files that could not be written to their own folders to a new folder elsewhere, and returns the new paths.
-
-    The new folder is in the temporary folder, the home folder, the current folder or ``/dev/shm``: the first of these
-    in which all files can be written. Raises OSError if the files cannot be written in any of these folders.
+    """Writes files to a new folder in the temporary folder, the home folder, the current folder or ``/dev/shm``, the
+    first of these where all can be written, and returns their paths. Raises OSError if none is.
     """
     failures = []
     for place in map(Path, (tempfile.gettempdir(), os.path.expanduser("~"), ".", "/dev/shm")):
@@ -90,7 +85,7 @@ def scratch() -> Iterator[Path]:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[None]:
-    """Creates the folder ``path`` for this user only, and deletes the folder at the end of the ``with`` block."""
+    """Creates the folder ``path`` for this user only, and deletes it at the end of the ``with`` block."""
     path.mkdir(mode=0o700)
     try:
         yield

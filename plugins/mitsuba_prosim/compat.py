@@ -1,8 +1,7 @@
 """Code that relies on undocumented properties of Mitsuba and Dr.Jit.
 
-Each function or constant of this module relies on one property of Mitsuba or Dr.Jit. The comment above a function or
-constant describes the property on which the code relies, and names the version and, if there is one, the upstream
-issue. Other workarounds for Mitsuba and Dr.Jit are in the modules ``alone`` (one thread at a time), ``registry``
+The comment above a function or constant describes the property on which the code relies, and names the version and, if
+there is one, the upstream issue. Other workarounds are in the modules ``alone`` (one thread at a time), ``registry``
 (variants), ``llvm``, ``light.emitter_methods`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in
 the package ``stock_command``.
 """
@@ -54,20 +53,16 @@ def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
 
 
 def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
-    """Returns the name of an object's transform to world space among the ``parameters`` that ``mi.traverse`` returns.
-
-    ``prefix`` is the prefix of the names of the object's parameters, "lamp." for example; the result begins with
-    ``prefix``. If no parameter has one of the names :data:`TO_WORLD`, the result is the last of these names.
+    """Returns ``prefix``, such as "lamp.", and that of the names :data:`TO_WORLD` which the ``parameters`` of
+    ``mi.traverse`` have; the last name if they have none.
     """
     return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
 
 
 def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any], matrix: np.ndarray) -> None:
-    """Sets the transform of ``sensor`` to ``matrix``.
+    """Sets the transform of ``sensor``, whose ``parameters`` of ``mi.traverse`` the caller then updates.
 
-    ``parameters`` is the result of ``mi.traverse(sensor)``; call ``parameters.update`` after this function. If a sensor
-    in Python does not expose its transform to ``mi.traverse``, this function sets the sensor's attribute
-    ``m_to_world``.
+    A sensor in Python that does not expose its transform gets the attribute ``m_to_world``.
     """
     name = to_world_name(parameters)
     if name in parameters:
@@ -79,7 +74,6 @@ def set_world_transform(sensor: mi.Sensor, parameters: MutableMapping[str, Any],
 
 
 def _at(transform: Any, time: float | mi.Float) -> mi.AffineTransform4f:
-    """Returns the value of ``transform`` at ``time``; an AffineTransform4f has the same value at all times."""
     return transform.eval(time) if hasattr(transform, "eval") else transform
 
 
@@ -117,20 +111,12 @@ STEPS = 4096
 
 
 def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
-    """Returns the shapes of ``scene`` in an order that is the same in every process.
-
-    The meshes are last, sorted by their ids and bounding boxes (:func:`_meshes_in_order`); the other shapes keep the
-    order of the scene.
-    """
+    """Returns the shapes of ``scene`` in an order that is the same in every process: meshes are last."""
     return _meshes_in_order([(shape, shape) for shape in scene.shapes()])
 
 
 def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
-    """Returns the emitters of ``scene`` in an order that is the same in every process.
-
-    Emitters whose shapes are meshes are last, sorted as in :func:`shapes_in_order`; the other emitters keep the order
-    of the scene.
-    """
+    """Returns the emitters of ``scene`` in an order that is the same in every process: those on meshes are last."""
     return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in scene.emitters()])
 
 
@@ -141,12 +127,9 @@ def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.Emit
 
 
 def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]:
-    """Returns the objects in ``things``, in an order that is the same in every process.
-
-    ``things`` are pairs of an object and its shape. Objects whose shapes are no meshes are first, in the order of
-    ``things``. Objects whose shapes are meshes follow, sorted by the ids, the rounded bounding boxes and the numbers of
-    triangles of the meshes. If several meshes have the same id, bounding box and number of triangles, their objects are
-    sorted by the contents of the meshes (:func:`_content`).
+    """Returns the objects of the pairs ``things`` of an object and its shape: first those that are not on meshes, in
+    their order, then the others, sorted by the ids, the rounded bounding boxes, the numbers of triangles and, where all
+    these are equal, the contents of the meshes.
     """
     import numpy as np
 
@@ -165,7 +148,6 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 
 
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
-    """Returns the sorted (name, value as bytes) of the parameters of ``shape``, its emitter and its BSDF."""
     import numpy as np
 
     values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
@@ -181,10 +163,9 @@ def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
 
 
 def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in_python: Collection[str]) -> mi.Scene:
-    """Creates the scene that the parser state ``state`` describes; this state cannot be used again.
+    """Creates the scene of the parser state ``state``, which cannot be used again.
 
-    Meshes that share a BSDF are merged into one mesh, except for meshes that emit light. ``in_python`` has the names of
-    all plugins that are written in Python; if the scene uses such a plugin, the objects of the scene are not created in
+    Meshes that share a BSDF are merged, unless they emit light. A scene with a plugin ``in_python`` is not created in
     parallel.
     """
     config.parallel = not any(node.props.plugin_name() in in_python for node in state.nodes)
@@ -249,11 +230,7 @@ EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse"
 def eval_direction(
     emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
 ) -> mi.Spectrum:
-    """Returns ``emitter.eval_direction(it, ds, active)``.
-
-    ``emitter`` may be an array of emitters. For a ``directionalarea`` emitter in an array of emitters, the result is 0,
-    because the method ``eval_direction`` of this emitter raises an error.
-    """
+    """Returns ``emitter.eval_direction(it, ds, active)``; 0 for a ``directionalarea`` in an array of emitters."""
     if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
         return emitter.eval_direction(it, ds, active)
 
@@ -325,11 +302,8 @@ ALIGNED = 64
 
 
 def dr_array(values: np.ndarray) -> Any:
-    """Returns the NumPy array ``values`` as a flat Dr.Jit array, row by row, in memory with Dr.Jit's alignment.
-
-    The result is a ``mi.UInt32`` for unsigned integers, a ``mi.Int32`` for signed integers, a ``mi.Float`` for floats
-    of 32 bits, and of the type :func:`double` for floats of 64 bits. A kernel depends on the memory alignment of the
-    arrays that it reads. With Dr.Jit's alignment for all arrays, a kernel is not compiled again for another array.
+    """Returns ``values`` as a flat Dr.Jit array, row by row: a ``mi.UInt32``, a ``mi.Int32``, a ``mi.Float`` for 32
+    bits, or of the type :func:`double` for floats of 64 bits.
     """
     import numpy as np
 
@@ -382,11 +356,8 @@ def denormals_rounded() -> Iterator[None]:
 
 
 def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
-    """Tells whether the texture with these ``parameters`` is a bitmap whose transform ``to_uv`` is not the identity.
-
-    Mitsuba 3.9 ignores ``to_uv`` when it samples points of a bitmap by their brightness. So the points that Mitsuba
-    samples on an emitter whose bitmap has a ``to_uv`` are not the points at which the emitter is bright. ``prefix`` is
-    the prefix of the names of the texture's parameters. The result is False for a texture that is no bitmap.
+    """Tells whether the texture with these ``parameters``, whose names begin with ``prefix``, is a bitmap whose
+    transform ``to_uv`` is not the identity: Mitsuba 3.9 ignores it when it samples points by their brightness.
     """
     if prefix + "data" not in parameters:
         return False
@@ -398,12 +369,10 @@ def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
 
 
 def take_back_interrupts() -> None:
-    """Installs Python's handler of the signal SIGINT (Ctrl-C) again, which Mitsuba may have replaced.
+    """Installs Python's handler of SIGINT (Ctrl-C) again, in the main thread, if it was installed from Python.
 
-    Mitsuba 3.9 handles Ctrl-C during its own method ``render``, and restores Python's handler afterwards, but not if
-    ``render`` was called within another ``render``. This function does nothing outside of the main thread, or if the
-    handler was not installed from Python. Without this function, Mitsuba would handle Ctrl-C forever after nested
-    renders, for an integrator that may not exist any more.
+    Mitsuba 3.9 replaces it during its own method ``render``, but does not restore it after a ``render`` within another
+    ``render``. It would then handle Ctrl-C forever, for an integrator that may not exist any more.
     """
     handler = signal.getsignal(signal.SIGINT)
     if handler is not None and threading.current_thread() is threading.main_thread():

@@ -1,10 +1,8 @@
 """The LLVM library that Dr.Jit has loaded, and whether this library works with Mitsuba.
 
 When Dr.Jit is imported, it loads the LLVM that ``DRJIT_LIBLLVM_PATH`` names, or else the newest LLVM in the system's
-library folders. The installation of this package adds ``mitsuba_prosim_llvm.pth``, a file that Python executes at its
-start. If the variable ``DRJIT_LIBLLVM_PATH`` is unset, this start-up file sets the variable to the path of the LLVM
-library that this package requires. ``pyproject.toml``, the start-up file and this module name the same version of LLVM;
-a test compares them.
+library folders. The file ``mitsuba_prosim_llvm.pth``, which Python executes at its start, sets this variable, if it is
+unset, to the LLVM that this package requires. ``pyproject.toml``, that file and this module name the same version.
 """
 
 from __future__ import annotations
@@ -28,11 +26,7 @@ def version() -> tuple[int, ...] | None:
 
 
 def library() -> str | None:
-    """Returns the path of the LLVM that Dr.Jit has loaded, or None if the path is unknown.
-
-    On Linux, the path is that of the library in memory; on other systems, it is the value of the variable
-    ``DRJIT_LIBLLVM_PATH``.
-    """
+    """Returns the path of the LLVM that Dr.Jit has loaded (except on Linux, just ``DRJIT_LIBLLVM_PATH``), or None."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
             return next((line.split(maxsplit=5)[5].strip() for line in maps if "/libLLVM" in line), None)

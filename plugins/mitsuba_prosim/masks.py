@@ -18,11 +18,8 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 
 
 def idle(active: mi.Bool) -> bool:
-    """Tells whether the mask ``active`` is already known to be false, so that the caller has nothing to compute.
-
-    In scalar variants the mask is a Python boolean, whose value is known. If the mask is false in a scalar variant, the
-    shape, BSDF or emitter that the caller would use may be None and must not be called. In vectorised variants the mask
-    is unknown while a kernel is recorded, so the result is False.
+    """Tells whether ``active`` is known to be false, which is possible only in scalar variants: then the shape, BSDF or
+    emitter that the caller would use may be None.
     """
     return not dr.is_jit_v(active) and not active
 
@@ -30,10 +27,8 @@ def idle(active: mi.Bool) -> bool:
 def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unrolled: bool, **options: Any) -> Any:
     """Computes ``state = body(k, state)`` for each k from 0 to ``count`` - 1, and returns the last state.
 
-    If ``unrolled`` is true, the kernel contains the code of ``body`` once for each k. If ``unrolled`` is false, the
-    kernel contains a loop of the ``active`` lanes, so that the kernel does not depend on ``count``; ``options`` are
-    further arguments of ``dr.while_loop``. In scalar variants, and if ``unrolled`` is true, ``active`` and ``options``
-    are ignored.
+    Unless ``unrolled``, the kernel contains a loop of the ``active`` lanes, so that it does not depend on ``count``;
+    ``options`` are further arguments of ``dr.while_loop``.
     """
     if unrolled or not dr.is_jit_v(mi.Float):
         for k in range(count):
@@ -52,7 +47,7 @@ def fold(count: int, body: Callable[..., Any], state: Any, active: mi.Bool, unro
 def dispatch(pointer: Any, function: Callable[..., Any], *args: Any) -> Any:
     """Calls ``function(instance, *args)`` for each instance to which ``pointer`` points, and returns the results.
 
-    The ``function`` is traced once for each instance to which ``pointer`` may point. ``args`` must hold all Dr.Jit
-    values that the function needs, with the mask last. In scalar variants, ``pointer`` is the instance itself.
+    ``args`` must hold all Dr.Jit values that the function needs, with the mask last. In scalar variants, ``pointer`` is
+    the instance itself.
     """
     return dr.dispatch(pointer, function, *args) if dr.is_jit_v(mi.Float) else function(pointer, *args)

@@ -10,10 +10,8 @@ import mitsuba as mi
 
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
-    """Returns the ValueError for a plugin parameter whose value is not allowed; the caller raises this error.
-
-    ``name`` is the name of the parameter. ``value`` is the value of the parameter, or None if the parameter is missing.
-    ``allowed`` describes the allowed values in words, such as ``"a number >= 0"``.
+    """Returns the ValueError for a plugin parameter whose ``value`` is not allowed, or missing (None). ``allowed`` are
+    words such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
     return ValueError(
@@ -24,9 +22,7 @@ def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueEr
 def number(
     props: mi.Properties, name: str, default: float | None, low: float, high: float = inf, open_below: bool = False
 ) -> float:
-    """Reads the parameter ``name``, a finite number from ``low`` to ``high``.
-
-    With ``open_below``, the number must be greater than ``low``.
+    """Reads the parameter ``name``, a finite number from ``low`` (with ``open_below``, above it) to ``high``.
 
     If ``default`` is None, the parameter is required. Raises ValueError if the value is not allowed or missing.
     """
@@ -86,10 +82,8 @@ def check_samples(sensor: mi.Sensor, spp: int) -> None:
 
 
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
-    """Returns the integrator that is nested in a plugin.
-
-    Raises ValueError unless the plugin has exactly one nested object, and this object is an integrator that takes
-    samples from a sensor.
+    """Returns the integrator that is nested in a plugin. Raises ValueError unless it is the only nested object, and
+    takes samples from a sensor.
     """
     children = [child for _, child in props.objects()]
     if len(children) != 1 or not isinstance(children[0], mi.SamplingIntegrator):
@@ -110,10 +104,8 @@ def _bounds(low: float, high: float, open_below: bool) -> str:
 
 
 def constant_values(props: mi.Properties, name: str) -> list[float]:
-    """Returns the numbers of a parameter that is a number, a colour or a spectrum; an empty list for a texture.
-
-    The list is empty, too, if the parameter is missing. Raises ValueError if the value is a text or a boolean. Call
-    this function before ``props.get_texture`` converts the parameter to a texture.
+    """Returns the numbers of a number, a colour or a spectrum; none for a texture or a missing parameter. Raises
+    ValueError for a text or a boolean. Call this before ``props.get_texture``, which converts the parameter.
     """
     value = props.get(name)
     if value is None or isinstance(value, mi.Object):
@@ -124,18 +116,16 @@ def constant_values(props: mi.Properties, name: str) -> list[float]:
 
 
 def for_message(values: list[float]) -> float | list[float]:
-    """Returns ``values``, rounded to 6 decimals, for an error message: one number if all are equal, else the list."""
+    """Returns ``values`` rounded for an error message: one number if all are equal, else the list."""
     values = [round(v, 6) for v in values]
     return values[0] if len(set(values)) == 1 else values
 
 
 def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /, **parameters: Any) -> None:
-    """Shows the textures and Dr.Jit values ``parameters`` of a plugin to ``mi.traverse``, by name.
+    """Shows the textures and Dr.Jit values ``parameters`` of a plugin to ``mi.traverse``, by default as differentiable.
 
-    ``callback`` is the argument of the plugin's method ``traverse``. Without ``flags``, the parameters are shown as
-    differentiable. The function ignores None, booleans, strings and Python's floats, such as all numbers of scalar
-    variants, because they cannot be changed in place. If a BSDF exposes a texture with the name ``ambient``,
-    ``BSDF.eval_attribute`` can evaluate this texture by its name.
+    None, booleans, strings and Python's floats, such as all numbers of scalar variants, cannot be changed in place, and
+    are ignored. ``BSDF.eval_attribute`` evaluates an exposed texture by its name, such as ``ambient``.
     """
     flags = mi.ParamFlags.Differentiable if flags is None else flags
     for name, parameter in parameters.items():

@@ -1,9 +1,8 @@
 """Registers the plugins with Mitsuba, for the active variant.
 
-A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). Therefore a module
-that defines a plugin is executed again when the variant changes, like the modules of Mitsuba's own integrators in
-Python. A module that defines only functions is executed once, because its functions use the active variant at each
-call.
+A plugin class derives from a class of one variant (``mi.BSDF`` of ``llvm_ad_rgb``, for example). So a module that
+defines a plugin is executed again when the variant changes; a module of functions, which use the active variant at each
+call, only once.
 """
 
 from __future__ import annotations
@@ -34,12 +33,11 @@ _registered_for: str | None = None
 
 
 def plugin(kind: str, name: str) -> Callable[[type], type]:
-    """Class decorator: registers the class as Mitsuba plugin ``name`` of the given ``kind`` ("bsdf", "emitter", ...).
+    """Class decorator: registers the class as Mitsuba plugin ``name`` of this ``kind`` ("bsdf", "emitter", ...).
 
-    Mitsuba 3.9 looks up the type of a plugin in the variant ``scalar_rgb``, even if another variant is active. If the
-    name of the plugin were unknown in ``scalar_rgb``, ``mi.load_dict`` would merge equal emitters into one, and writing
-    a scene as XML would fail. Therefore a class for another variant is registered for ``scalar_rgb``, too; when
-    ``scalar_rgb`` becomes the active variant, the class for ``scalar_rgb`` replaces this class.
+    Mitsuba 3.9 looks up the type of a plugin in the variant ``scalar_rgb``, even if another variant is active; without
+    it, ``mi.load_dict`` merges equal emitters into one, and writing a scene as XML fails. So a class of another variant
+    is registered for ``scalar_rgb``, too, until its own class replaces it.
     """
 
     def register(cls: type) -> type:
@@ -60,9 +58,8 @@ def parameters(name: str) -> list[str]:
 def create(name: str, **properties: Any) -> Any:
     """Creates an object of the plugin ``name`` with ``properties``.
 
-    Plugins use this function, not ``mi.load_dict``, to create other plugins. ``mi.load_dict`` (Mitsuba 3.9) replaces
-    the file search path of the process for a moment, and objects of the scene that other threads create at this moment
-    would read freed memory.
+    ``mi.load_dict`` (Mitsuba 3.9) would replace the file search path of the process for a moment, so that objects of
+    the scene that other threads create at this moment would read freed memory.
     """
     props = mi.Properties(name)
     for key, value in properties.items():
@@ -79,12 +76,11 @@ def modules() -> Iterator[str]:
 
 
 def register_plugins(*_: object) -> None:
-    """Registers all plugins for the active variant.
+    """Registers all plugins for the active variant, if there is one for which they are not registered yet.
 
-    The function does nothing if no variant is set, or if the plugins are already registered for the active variant.
     Mitsuba calls this function after each change of the variant; the arguments (old variant, new variant) are ignored.
-    Raises RuntimeError if the active variant uses LLVM and LLVM would abort the process (see ``llvm.problem``). After
-    an error, the next call tries again.
+    Raises RuntimeError if LLVM would abort the process (see ``llvm.problem``). After an error, the next call tries
+    again.
     """
     global _registered_for
     variant = mi.variant()

@@ -51,11 +51,7 @@ def denoise(
 
 
 def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) -> Denoised:
-    """Denoises the images ``first`` and ``second``, shape (height, width, 1 or 3), by a ``denoiser`` that has the
-    albedo and the normals, see :func:`denoise`.
-
-    A value that is not finite is replaced by the value of the other image, or by 0 if neither image has a finite value.
-    """
+    """Does the work of :func:`denoise` for images of the shape (height, width, 1 or 3)."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Values are clipped so that their squares are finite.
     first, second = (

@@ -20,10 +20,9 @@ def bitmap(final: FinalImage) -> mi.Bitmap:
 def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]:
     """Returns the channels of the final image and of all layers: name -> array of shape (height, width).
 
-    The channels are the colours of the final image, alpha and the AOVs of the integrator, the layers ``raw`` and
-    ``denoised``, and the errors of the final, the raw and the denoised image. The channels of the three errors have the
-    names ``error.Y``, ``error_raw.Y`` and ``error_denoised.Y``. ``colours`` are the names of the colours in the result,
-    such as "RGB"; the three colours of a grey image are equal.
+    They are the colours of the final image, alpha and AOVs, the layers ``raw`` and ``denoised``, and the errors
+    ``error.Y``, ``error_raw.Y`` and ``error_denoised.Y``. ``colours`` are names such as "RGB"; the three colours of a
+    grey image are equal.
     """
     denoised = final.denoised()
     errors = {"": denoised.final_error, "_raw": denoised.raw_error, "_denoised": denoised.denoised_error}
@@ -33,10 +32,8 @@ def channels(final: FinalImage, colours: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def update_film(final: FinalImage, names: Sequence[str]) -> None:
-    """Writes the final image and its layers to the film of the sensor.
-
-    ``names`` are the names of the :func:`channels` that the film stores in addition to the colours and alpha of the
-    final image. Raises ValueError if the film stores neither RGB colours nor the luminance.
+    """Writes the final image and the :func:`channels` with these ``names`` to the film of the sensor. Raises ValueError
+    if the film stores neither RGB colours nor the luminance.
     """
     film = final.denoiser.sensor.film()
     if final.denoiser.names[0] not in ("R", "Y"):

@@ -127,11 +127,8 @@ class Area(Source):
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
     ) -> mi.Spectrum:
-        """Returns the radiance that the light source emits at the point ``si`` in the direction ``d``, in world
-        coordinates, towards the point ``receiver``.
-
-        The radiance depends on ``receiver`` only if the source is ``unattenuated``: then the radiance grows with the
-        square of the distance from the centre of the shape. The radiance is 0 where ``active`` is false.
+        """Returns the radiance from the point ``si`` in the direction ``d``, in world coordinates; that of an
+        ``unattenuated`` source grows with the squared distance of ``receiver`` from the centre of the shape.
         """
         value = self.emission.eval(si, active) * self.relative_intensity(d)
         if self.unattenuated and (shape := self.get_shape()) is not None:
@@ -154,10 +151,8 @@ class Area(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Samples a point of the light source, as seen from the point ``it``; returns ``(ds, weight)``. ``weight`` is
-        its radiance towards ``it``, divided by the density ``ds.pdf`` per solid angle.
-
-        Both are 0 if the source faces away from ``it`` at the sampled point, and if nothing can sample the points.
+        """Samples a point of the light source, as seen from ``it``; returns ``(ds, weight)``: its radiance, divided by
+        the density ``ds.pdf`` per solid angle. Both are 0 if the source faces away there, or nothing can sample it.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if not self.sampler:
@@ -191,12 +186,10 @@ class Area(Source):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """Returns the density of `Shape.sample_direction`, with full precision for a small or distant sphere; ``pdf``
-        is the density that Mitsuba computes.
+        """Returns the density ``pdf`` of `Shape.sample_direction`, with full precision for a small or distant sphere.
 
         Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
-        of the half-angle loses digits; here it is sin² / (1 + cos), where sin² = (r/d)² is below 0.9. Spheres that emit
-        inwards and other shapes keep ``pdf``.
+        of the half-angle loses digits; here it is sin² / (1 + cos), where sin² = (r/d)² is below 0.9.
         """
         shape = self.get_shape()
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
@@ -209,9 +202,7 @@ class Area(Source):
     def sample_position(
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
-        """Samples a point of the light source; returns the point, and the reciprocal of the density per area, which is
-        0 in inactive lanes, and if nothing can sample the points.
-        """
+        """Samples a point; returns it, and 1 divided by its density per area, or 0 if nothing can sample the points."""
         if not self.sampler:
             return no_sample(mi.PositionSample3f), mi.Float(0)
         sample_position = self.sample_texture if self.sampler == "texture" else self.get_shape().sample_position
@@ -219,7 +210,7 @@ class Area(Source):
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """Samples a point of the light source by the emission texture; the returned density is per surface area."""
+        """Samples a point by the emission texture; the density is per surface area."""
         uv, pdf = self.emission.sample_position(sample, active)
         si, density = self.at_texture(uv, pdf, active & (pdf > 0))
         ps = mi.PositionSample3f(si)
@@ -227,8 +218,8 @@ class Area(Source):
         return ps
 
     def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """Returns the point of the shape with the texture coordinates ``uv``, and its density per surface area: 0 if
-        there is none. ``pdf`` is the density of ``uv`` in the unit square.
+        """Returns the point with the texture coordinates ``uv``, and its density per surface area, 0 if there is none;
+        ``pdf`` is the density of ``uv`` in the unit square.
         """
         si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
         stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
@@ -237,9 +228,9 @@ class Area(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the light source emits; returns ``(ray, weight)``: the radiance times the cosine at the
-        source, divided by the densities of the point, the direction and the wavelengths. Raises RuntimeError if the
-        source is ``unattenuated``, and if nothing can sample its points.
+        """Samples an emitted ray; returns ``(ray, weight)``: the radiance times the cosine at the source, divided by
+        the densities of the point, the direction and the wavelengths. Raises RuntimeError if the source is
+        ``unattenuated``, or nothing can sample its points.
         """
         self._require_rays()
         ps, weight = self.sample_position(time, sample2, active)
@@ -257,8 +248,8 @@ class Area(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        """Samples wavelengths; returns the wavelengths, and the radiance that the point ``si`` emits in the direction
-        ``si.wi``, divided by the density of the wavelengths. Raises RuntimeError as :meth:`sample_ray`.
+        """Samples wavelengths; returns them, and the radiance in the direction ``si.wi``, divided by their density.
+        Raises RuntimeError as :meth:`sample_ray`.
         """
         self._require_rays()
         wavelengths, weight = self.sample_spectrum(si, sample, active)

@@ -132,10 +132,8 @@ class Point(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples a ray that the light source emits; returns ``(ray, weight)``.
-
-        ``weight`` is the intensity in the direction of the ray, divided by the densities of the direction and of the
-        wavelengths. Raises RuntimeError if the source is ``unattenuated``.
+        """Samples an emitted ray; returns ``(ray, weight)``: the intensity, divided by the densities of the direction
+        and of the wavelengths. Raises RuntimeError if the source is ``unattenuated``.
         """
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
@@ -146,9 +144,7 @@ class Point(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Returns ``(ds, weight)``: the direction from the point ``it`` to the source, and the irradiance at ``it``, on
-        a surface that faces the source. No random number is used: the position is the only point of the source.
-        """
+        """Returns ``(ds, weight)``: the direction from ``it`` to the source, and :meth:`eval_direction`."""
         ds = mi.DirectionSample3f(self.sample_position(it.time, sample, active)[0])
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         ds.d = ds.p - it.p
@@ -160,8 +156,8 @@ class Point(Source):
         return mi.Float(0)
 
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
-        """Returns the irradiance at the point ``it``, on a surface that faces the source. The irradiance is the
-        intensity in the direction of ``it``, divided by the squared distance unless the source is ``unattenuated``.
+        """Returns the irradiance at ``it``, on a surface that faces the source: the intensity, divided by the squared
+        distance unless the source is ``unattenuated``.
         """
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths

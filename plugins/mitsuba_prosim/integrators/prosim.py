@@ -222,8 +222,8 @@ class Prosim(ProgressiveIntegrator):
     name = "prosim"
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads the parameters. Raises ValueError for wrong values and combinations, and for ``caustics`` and
-        ``layers`` in scalar variants.
+        """Raises ValueError for wrong values and combinations, and for ``caustics`` and ``layers`` in scalar
+        variants.
         """
         super().__init__(props)
         self.max_level = whole(props, "max_level", 4, -1)
@@ -255,9 +255,7 @@ class Prosim(ProgressiveIntegrator):
         expose(callback, ambient=shown(self.ambient), background=shown(self.background))
 
     def aov_names(self) -> list[str]:
-        """Returns the names of all AOVs of the integrator. Before the first render, the AOVs of the parameter
-        ``layers`` are missing from the list, because their names depend on the scene.
-        """
+        """Returns the names of all AOVs; those of ``layers``, which depend on the scene, only after a render."""
         return self._layer_channels + super().aov_names()
 
     def parameter_names(self) -> list[str]:
@@ -272,12 +270,10 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs. The AOVs
-        ``samples`` and ``error`` are 0.
+        """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs, of which
+        ``samples`` and ``error`` are 0. Raises RuntimeError with ``layers`` and ``caustics``.
 
-        ``medium`` is the medium around the camera. A render in a scalar variant does not use ``medium``, because the
-        medium of the sensor is already known. Raises RuntimeError if the parameter ``layers`` or ``caustics`` is
-        switched on.
+        ``medium`` is the medium around the camera, which a render in a scalar variant already knows.
         """
         self._refuse_layers_and_caustics("are for its own render() alone, not within another integrator")
         # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
@@ -292,10 +288,8 @@ class Prosim(ProgressiveIntegrator):
         return Settings(**{name: getattr(self, name) for name in SETTINGS})
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Transport:
-        """Returns the :class:`.Transport`, which estimates the radiance along rays of ``sensor``. ``attached`` tells
-        whether the radiance must be differentiable.
-
-        The function also stores the names of the channels of the layers, for :meth:`aov_names`.
+        """Returns the :class:`.Transport` of the rays of ``sensor``, ``attached`` if the radiance must be
+        differentiable; stores the names of the layers for :meth:`aov_names`.
         """
         caustics = self._caustics(scene, sensor) if self.caustics else None
         transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
@@ -307,12 +301,10 @@ class Prosim(ProgressiveIntegrator):
         return super()._derivatives(scene, sensor, seed, spp)
 
     def _refuse_layers_and_caustics(self, why: str) -> None:
-        """Raises RuntimeError, with the reason ``why``, if ``layers`` or ``caustics`` is switched on."""
         if self.layers != "none" or self.caustics:
             raise RuntimeError(f"prosim: layers and caustics {why}; leave them out there.")
 
     def _caustics(self, scene: mi.Scene, sensor: mi.Sensor) -> Caustics | None:
-        """Returns the photons of ``scene``; None if nothing is specular or no light source can emit photons."""
         from ..photons.caustics import Caustics  # imported only for an image, to load the plugins faster
 
         # Photons may meet as many specular surfaces as a camera ray may meet before a light source.

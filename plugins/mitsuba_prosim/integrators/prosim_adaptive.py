@@ -87,8 +87,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
-        """Renders the image, see :meth:`.ProgressiveIntegrator.render`. Around Mitsuba's ``aov``, the result has the
-        channels that ``aov`` returns, in the same order, which are not all channels of the film.
+        """Renders the image, see :meth:`.ProgressiveIntegrator.render`. Around Mitsuba's ``aov``, the result has only
+        the channels that ``aov`` returns, in the same order.
         """
         image = super().render(scene, sensor, seed, spp, develop, evaluate)
         if not develop or self.nested.class_name() != AOV:
@@ -110,8 +110,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the result of the nested integrator along ``ray``, with the AOVs of both integrators. The own AOVs
-        ``samples`` and ``error`` are 0, because they are statistics of a pixel.
+        """Returns the result of the nested integrator along ``ray``, with the AOVs of both; ``samples`` and ``error``,
+        which are statistics of a pixel, are 0.
         """
         L, alpha, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
@@ -123,11 +123,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
-        """Returns the forward-mode derivative of the image, which the nested integrator computes from the gradients of
-        the scene parameters.
-
-        If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. The derivatives of the AOVs
-        that this integrator adds are 0.
+        """Returns the forward-mode derivative of the image by the nested integrator; 0 for the AOVs that this
+        integrator adds. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``.
         """
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
@@ -142,10 +139,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
         seed: int | mi.UInt32 = 0,
         spp: int = 0,
     ) -> None:
-        """Backpropagates the gradient ``grad_in`` of the image to the scene parameters, with the nested integrator.
-
-        If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. The last channels of
-        ``grad_in``, the AOVs that this integrator adds, are ignored.
+        """Backpropagates the gradient ``grad_in`` of the image, except for the AOVs that this integrator adds, by the
+        nested integrator. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``.
         """
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]

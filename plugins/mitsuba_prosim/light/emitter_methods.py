@@ -30,11 +30,10 @@ MIN_TILT_LOSS = 0.01
 
 
 def point_sampler(emitter: mi.Emitter) -> str:
-    """Tells what samples the points of ``emitter``: its "texture", its "shape", or "" if nothing can sample them.
+    """Tells what samples the points of ``emitter``: its "texture", if it reaches all of them, or its "shape"; or ""
+    where Mitsuba cannot sample the shape, or evaluates the radiance only where a ray meets it (``mesh_attribute``).
 
     The shape of an emitter on ``ellipsoidsmesh`` is None (Mitsuba 3.9).
-    The result is "" if Mitsuba cannot sample points of the shape, or if the radiance is a ``mesh_attribute``, which
-    Mitsuba evaluates only where a ray meets the mesh. The texture samples the points if it reaches all of them.
     """
     shape = emitter.get_shape()
     if shape is None or not has_area(shape):
@@ -55,8 +54,8 @@ def has_area(shape: mi.Shape) -> bool:
 
 
 def _has_unique_uv(shape: mi.Shape) -> bool:
-    """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square. Meshes of more than
-    :data:`MAX_TRIANGLES` triangles are not examined.
+    """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square; False for a mesh of
+    more than :data:`MAX_TRIANGLES` triangles.
     """
     if shape.class_name() in UNIQUE_UV:
         return True
@@ -80,8 +79,8 @@ def _has_unique_uv(shape: mi.Shape) -> bool:
 
 
 def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
-    """Warns of emitters on meshes whose vertex normals are tilted: Mitsuba 3.9 uses them in place of the normals of the
-    triangles in the density of a sampled point, so that light sampling loses light.
+    """Warns of emitters on meshes whose vertex normals are tilted: Mitsuba 3.9 computes the density of a sampled point
+    by them instead of the triangle's normal, so that light sampling loses light.
     """
     losses = {name_of(e): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
     if tilted := {name: loss for name, loss in losses.items() if loss > MIN_TILT_LOSS}:
@@ -94,8 +93,8 @@ def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
 
 
 def tilt_loss(shape: mi.Shape) -> float:
-    """Returns 1 - cos of the angle between the normal of a triangle and the mean normal of its corners, averaged
-    over the area of the mesh ``shape``; 0 for other shapes, and for a mesh without vertex normals.
+    """Returns 1 - cos of the angle between the normal of a triangle and the mean normal of its corners, averaged over
+    the area of the mesh; 0 for other shapes, and without vertex normals.
     """
     import numpy as np
 
@@ -112,7 +111,7 @@ def tilt_loss(shape: mi.Shape) -> float:
 
 
 def no_sample(kind: type) -> Any:
-    """Returns a sample of the class ``kind`` (``mi.DirectionSample3f`` or ``mi.PositionSample3f``) with density 0."""
+    """Returns a sample of the class ``kind`` with density 0."""
     sample = dr.zeros(kind) if dr.is_jit_v(mi.Float) else kind()
     sample.pdf = mi.Float(0)
     return sample
@@ -134,8 +133,7 @@ def sample_shape(shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, acti
 class EmitterMethods:
     """Samples the ``emitters`` of a scene, given one of them or a Dr.Jit array.
 
-    The samples and densities of all other emitters of the process are 0, and so are those of an emitter whose points
-    nothing can sample (:func:`point_sampler`).
+    The samples and densities of all others are 0, as those of an emitter without a :func:`point_sampler`.
     """
 
     def __init__(self, emitters: Iterable[mi.Emitter]) -> None:
@@ -176,7 +174,7 @@ class EmitterMethods:
     def pdf_direction(
         self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
     ) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample_direction` samples the direction ``ds``."""
+        """Returns the density per solid angle of :meth:`sample_direction`."""
 
         def density(
             one: mi.Emitter, sampler: Any, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool

@@ -35,11 +35,8 @@ FAR = 1e3
 
 
 class LightSampler:
-    """Chooses one of the lamps ``emitters`` of ``scene``; the first lamp has the number 0.
-
-    Each lamp is modelled by a sphere. Its modelled intensity is a uniform part, the same in all directions, plus a lobe
-    cos^n around an axis. For at most ``UNROLLED`` lamps, the kernel contains separate code for each lamp; for more
-    lamps, a loop.
+    """Chooses one of the lamps ``emitters``, each modelled by a sphere whose intensity is uniform plus a lobe cos^n
+    around an axis. For at most ``UNROLLED`` lamps, the kernel contains separate code for each lamp; else a loop.
     """
 
     UNROLLED = 16
@@ -58,7 +55,7 @@ class LightSampler:
             dr.make_opaque(self.table)
 
     def total(self, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns the sum of the importances of all lamps at ``receiver`` (``receiver.importance`` if it is known)."""
+        """Returns ``receiver.importance`` if it is known, else the sum of the importances of all lamps."""
         if receiver.importance is not None:
             return receiver.importance
 
@@ -68,16 +65,13 @@ class LightSampler:
         return fold(self.count, add, mi.Float(0), active, self.count <= self.UNROLLED)
 
     def probability(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns the probability with which :meth:`choose` chooses the lamp ``k``."""
+        """Returns the probability of the lamp ``k``."""
         total = self.total(receiver, active)
         return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
 
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
-        """Chooses a lamp by ``sample``, a number in [0, 1); returns its number, its probability, and a new number in
-        [0, 1).
-
-        [0, 1) is divided into one interval for each lamp, whose length is the probability of the lamp. The new number
-        is the relative position of ``sample`` within the interval of the chosen lamp.
+        """Chooses a lamp by ``sample`` in [0, 1); returns its number, its probability, and a new number in [0, 1): the
+        position of ``sample`` within the interval of the lamp, whose length is the probability.
         """
         total = self.total(receiver, active)
         sample = sample * total
@@ -97,12 +91,10 @@ class LightSampler:
         return k, dr.select(total > 0, importance / total, 1), rest  # the total is 0 only in inactive lanes
 
     def importance(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
-        """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without shadows, in a unit that
-        is the same for all lamps.
+        """Returns an estimate of the light that the lamp ``k`` sends to ``receiver``, without shadows.
 
-        It is the intensity of the lamp towards ``receiver``, times the cosine at the receiver (an upper bound over the
-        whole lamp, but at least :data:`LEAST_COSINE`), divided by the squared distance (at least the radius of the
-        lamp's sphere). So it is positive.
+        It is positive: the intensity, times the cosine at the receiver (an upper bound over the whole lamp, at least
+        :data:`LEAST_COSINE`), divided by the squared distance (at least the radius of the lamp's sphere).
         """
         # The choice of a lamp has no derivatives.
         p, n, both_sides = dr.detach(receiver.si.p), dr.detach(receiver.n), receiver.both_sides
@@ -123,10 +115,7 @@ class LightSampler:
         return intensity * cos_receiver * dr.square(inverse)
 
     def _lamp(self, k: Index, active: mi.Bool) -> tuple[Any, ...]:
-        """Returns the model of the lamp ``k``: the center and the radius of its sphere, the intensity of the uniform
-        part, and the intensity, the exponent and the axis of the lobe. In vectorised variants, the axis is None if no
-        lamp has a lobe.
-        """
+        """Returns the model of the lamp ``k``, a row of :func:`lamp_models`; the axis may be None without lobes."""
         if dr.is_jit_v(mi.Float):
             k = mi.UInt32(k)  # a row of the table has twelve numbers: three vectors of four
             a = dr.gather(mi.Vector4f, self.table, k * 3, active)
@@ -139,13 +128,13 @@ class LightSampler:
 
 
 def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
-    """Returns the models of all lamps as an array of the shape (number of lamps, 10).
+    """Returns the models of all lamps as an array of the shape (number of lamps, 10): the center of the sphere (3
+    numbers), its radius, the intensity of the uniform part, and the intensity, the exponent and the axis (3 numbers) of
+    the lobe.
 
-    A row holds the center of a lamp's sphere (3 numbers), the radius of the sphere, the intensity of the uniform part,
-    and the intensity, the exponent and the axis (3 numbers) of the lobe. The model of a lamp whose light decreases with
-    the distance is computed from rays that the lamp emits. Any other lamp, and a lamp that cannot emit rays, is
-    uniform, with a sphere of :data:`FAR` times the scene's radius. Each lamp gets a further uniform part, so that no
-    importance is 0.
+    The model of a lamp whose light decreases with the distance is computed from rays that it emits. Any other lamp, and
+    a lamp that cannot emit rays, is uniform, with a sphere of :data:`FAR` times the scene's radius. Each lamp gets a
+    further uniform part, so that no importance is 0.
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -167,9 +156,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
 
 
 def falls_with_distance(emitter: mi.Emitter) -> bool:
-    """Tells whether the light of ``emitter`` decreases with the square of the distance: that of surfaces and points,
-    unless they have a true attribute ``unattenuated``. ``directionalarea``, whose light is parallel, counts too,
-    because it starts from a bounded surface.
+    """Tells whether the light of ``emitter`` decreases with the square of the distance: that of surfaces (also
+    ``directionalarea``) and points, unless they are ``unattenuated``.
     """
     flags, kinds = emitter.flags(), mi.EmitterFlags
     bounded = mi.has_flag(flags, kinds.Surface) or mi.has_flag(flags, kinds.DeltaPosition)
@@ -177,10 +165,8 @@ def falls_with_distance(emitter: mi.Emitter) -> bool:
 
 
 def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.ndarray, size: float) -> np.ndarray:
-    """Returns the model (a row of :func:`lamp_models`) of a lamp whose light decreases with the distance.
-
-    ``power``, ``origins`` and ``directions`` are those of rays that the lamp emits, shapes (rays,), (rays, 3) and
-    (rays, 3). ``size`` is the scene's radius.
+    """Returns a row of :func:`lamp_models` for a lamp that emits rays with this ``power``, shape (rays,), and these
+    ``origins`` and ``directions``, shape (rays, 3). ``size`` is the scene's radius.
     """
     low, high = origins.min(0), origins.max(0)
     center = (low + high) / 2
@@ -198,11 +184,9 @@ def nearby_lamp_model(power: np.ndarray, origins: np.ndarray, directions: np.nda
 
 
 def sample_lamps(scene: mi.Scene, emitters: Sequence[mi.Emitter], sample: Callable[..., Any]) -> list[np.ndarray]:
-    """Returns the power, the origin and the direction of :data:`RAYS` random samples of each emitter, with a fixed
-    seed.
-
-    ``sample`` draws one sample: :func:`emitted_ray` or :func:`light_in_scene`. The powers have the shape (emitters,
-    samples); origins and directions (emitters, samples, 3). Negative and non-finite powers are replaced by 0.
+    """Returns the results of ``sample`` (:func:`emitted_ray` or :func:`light_in_scene`) for :data:`RAYS` fixed random
+    samples of each emitter: powers of the shape (emitters, samples), negative and non-finite ones replaced by 0, and
+    origins and directions of the shape (emitters, samples, 3).
     """
     count = len(emitters) * RAYS
     if not emitters:
@@ -235,11 +219,11 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
 
 
 def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
-    """Returns an estimate of the irradiance by ``emitter`` at a random point of the scene's bounding box, the point,
-    and the direction to the emitter.
+    """Returns an estimate of the irradiance, without shadows, by ``emitter`` at a random point of the scene's bounding
+    box, the point, and the direction to the emitter.
 
-    It is one sample without shadows, for a surface that faces the emitter: the mean of the colour channels, or in
-    spectral variants the integral over the wavelengths, like the power of :func:`emitted_ray`.
+    It is the mean of the colour channels, or in spectral variants the integral over the wavelengths, like the power of
+    :func:`emitted_ray`.
     """
     u = [to_unit(combine(key, j)) for j in range(6)]
     box = scene.bbox()

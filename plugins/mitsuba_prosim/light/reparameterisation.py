@@ -2,10 +2,9 @@
 Holzschuch and Jakob 2019).
 
 If sampled directions were constants, the derivatives would miss the light that enters and leaves at the edge of a
-moving light source. Therefore the derivatives of a sampled direction follow a point of the source, and the Jacobian of
-the map from directions to points of the source scales the solid angle of the sample. Any map with a known Jacobian is
-correct. All samples of a source use the same map, whether light sampling or BSDF sampling drew the sample, so that MIS
-weights can be differentiated along the map.
+moving light source. So the derivatives of a sampled direction follow a point of the source, and the Jacobian of the map
+from directions to points of the source scales the solid angle of the sample. Any map with a known Jacobian is correct;
+all samples of a source, by light sampling or BSDF sampling, use the same, so that MIS weights can be differentiated.
 """
 
 from __future__ import annotations
@@ -23,9 +22,7 @@ from .table import Lamp, Lights
 def reparameterised_ray(
     lights: Lights, receiver: Receiver, d: mi.Vector3f, active: mi.Bool
 ) -> tuple[mi.Vector3f, mi.Float]:
-    """Returns ``(d, jacobian)``, both with derivatives, for the direction ``d`` of a ray from ``receiver``; they follow
-    the lamp that the ray hits. Where it hits none, the Jacobian is 1.
-    """
+    """Returns ``(d, jacobian)`` with derivatives that follow the lamp, if any, which the ray from ``receiver`` hits."""
     if lights.all_delta or not lights.lamps:
         return d, mi.Float(1)
     met = meet(lights.scene, receiver.si.spawn_ray(d), active)
@@ -39,10 +36,8 @@ def reparameterised_ray(
 def reparameterised_sample(
     lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-    """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight.
-
-    It is unchanged if the lamp is no surface, if the density is 0, and, for a lamp whose derivatives follow its shape,
-    if the sampled point is not found on the lamp.
+    """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight;
+    unchanged if the lamp is no surface, or the sampled point is not found on a lamp whose derivatives follow its shape.
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
@@ -62,10 +57,10 @@ def reparameterised_sample(
 
 
 def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
-    """Returns the surface point that ``ray`` hits. Its derivatives follow the surface; those of ``ray`` are dropped."""
+    """Returns the surface point that ``ray`` hits; its derivatives follow the surface."""
     return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
 
 
 def with_derivatives(value: Any, same: Any, active: mi.Bool) -> Any:
-    """Returns ``value``; where ``active`` is true, the derivatives of ``same`` replace the derivatives of ``value``."""
+    """Returns ``value``, in ``active`` lanes with the derivatives of ``same``."""
     return dr.select(active, dr.replace_grad(value, same), value)

@@ -27,9 +27,9 @@ class Source(mi.Emitter):
     position: Any = None
 
     def __init__(self, props: mi.Properties, quantity: str, place: str) -> None:
-        """Reads the parameters. ``quantity`` is the name of the parameter with the emitted spectrum; ``place`` is the
-        phrase of the error message for ``to_world`` that tells how to place the light source instead. Raises ValueError
-        for wrong values, and for parameters that the distribution does not have.
+        """Reads the parameters, of which ``quantity`` is the emitted spectrum; ``place`` tells in the error message for
+        ``to_world`` how to place the light source. Raises ValueError for wrong values, and for parameters that the
+        distribution does not have.
         """
         super().__init__(props)
         if "to_world" in props:
@@ -91,8 +91,8 @@ class Source(mi.Emitter):
     def sample_spectrum(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
-        """Samples wavelengths of the emitted spectrum; returns ``(wavelengths, weight)``, where ``weight`` is the
-        emitted spectrum divided by the density of the wavelengths, which are stratified.
+        """Samples stratified wavelengths; returns ``(wavelengths, weight)``, where ``weight`` is the emitted spectrum
+        divided by their density.
         """
         wavelengths = dr.zeros(type(si.wavelengths))
         if len(wavelengths):
@@ -109,8 +109,8 @@ class Source(mi.Emitter):
 
 
 def shown(emission: Any) -> Any:
-    """Returns the texture that stands for ``emission`` in ``mi.traverse``: ``emission``, or the factor of D65 if
-    :func:`read_emission` has read black. So the parameter has the same name as that of a lamp that is not black.
+    """Returns the texture that stands for ``emission`` in ``mi.traverse``: ``emission``, or the factor of D65 for a
+    black one, so that the parameter has the same name.
     """
     parameters: Any = {} if emission is None else mi.traverse(emission)
     if "nested_texture.value" not in parameters:
@@ -123,9 +123,8 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     parameter is absent and ``default`` is None.
 
     Raises ValueError unless all its numbers are finite and not negative, including the texels of an image. In spectral
-    variants, Mitsuba converts texels to coefficients of spectra, which may be negative, so that only NaN is an error.
-    There, a black number or colour is a factor 0 of the illuminant D65, and a black spectrum is uniform; :func:`shown`
-    gives the factor, which can be changed later.
+    variants, Mitsuba converts texels to coefficients of spectra, which may be negative, so that only NaN is an error;
+    a black number or colour is a factor 0 of the illuminant D65, and a black spectrum is uniform.
     """
     allowed = "finite numbers >= 0"
     values = constant_values(props, name)

@@ -48,12 +48,12 @@ class SphereLights(OtherLights):
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of the part of the sphere above the horizon of ``receiver``."""
+        """Returns a sample of the part of the sphere above the horizon of ``receiver``."""
         return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
 
     def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``, which meets the
-        sphere; 0 below the horizon, and for a receiver inside the sphere.
+        """Returns the density per solid angle of :meth:`sample` for ``ds``, which meets the sphere; 0 below the
+        horizon, and for a receiver inside the sphere.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -66,14 +66,13 @@ class SphereLights(OtherLights):
     def reparameterised(
         self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives, for the direction ``d``, which moves with the sphere
-        ``number``; ``met`` is not used.
+        """Returns ``(ds, jacobian)`` as :meth:`.OtherLights.reparameterised`; ``met`` is not used.
 
         The outline of the sphere, seen from the receiver, bounds a disk. A direction to the sphere corresponds to a
         point of the disk, which is projected onto the unit sphere around the receiver: along the surface normal if the
         whole sphere is above the horizon, as in :mod:`.spherical_cap`, because equal areas of the disk then give equal
-        irradiance; else along the axis to the centre of the sphere. A map to points of the sphere itself would have an
-        unbounded Jacobian near its outline.
+        irradiance; else along the axis to the centre. A map to points of the sphere itself would have an unbounded
+        Jacobian near its outline.
         """
         center, radius = self.sphere(number, active)
         to_center = center - receiver.si.p
@@ -106,9 +105,8 @@ def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
 def direction_to_sphere(
     receiver: Receiver, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f
 ) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` from ``receiver`` to a sphere, above the horizon, sampled by projected solid
-    angle, with the point and the normal where it meets the sphere. The density is 0 if the receiver is inside the
-    sphere, or if the sphere is below the horizon.
+    """Returns a sample of a sphere above the horizon of ``receiver``, by projected solid angle. Its density is 0 if the
+    receiver is inside the sphere, or the sphere below the horizon.
     """
     n = receiver.n
     to_center = center - receiver.si.p

@@ -1,10 +1,8 @@
 """Sampling of the part of a spherical light source above a surface's horizon, nearly by projected solid angle.
 
-Directions with the density cos(theta) / (projected solid angle) leave no variance in the direct light of a diffuse
-surface that sees the whole of a uniform sphere (Ureña and Georgiev 2018; Peters and Dachsbacher 2019). Section 4.2.2.1
-of the thesis samples by solid angle. By Nusselt's analogy, such directions project to points that are uniform in area,
-in a region of the tangent plane: the projection of the cap that the sphere covers on the unit sphere of directions,
-above the horizon.
+By Nusselt's analogy, directions with the density cos(theta) / (projected solid angle) project to points that are
+uniform in area, in a region of the tangent plane: the projection of the cap that the light source covers on the unit
+sphere of directions, above the horizon. :mod:`.spheres` gives the reason for this density.
 
 The region is composed of two pieces, each sampled without rejection: the ellipse whose border is the projection of the
 cap's boundary circle, if the centre is above the horizon; and the crescent between the ellipse and the unit circle,
@@ -12,10 +10,9 @@ where the horizon cuts the cap. The ellipse lies inside the unit circle, and tou
 The region of a sphere whose centre is below the horizon, at height -c, is only the crescent; it is equal to that of a
 sphere with its centre at height c, because mirrored caps have equal projections.
 
-The ellipse is sampled uniformly. The crescent is sampled with a triangular density of the ordinate, which approximates
-its width there. The variance due to the approximation is at most 0.05 of the squared mean for spheres whose radius
-subtends up to 37 degrees. An estimate of the crescent's area, without an integral, suffices to compute the exact
-density of the samples.
+The ellipse is sampled uniformly; the crescent with a triangular density of the ordinate, which approximates its width
+there. The variance due to this is at most 0.05 of the squared mean for spheres whose radius subtends up to 37 degrees.
+An estimate of the crescent's area suffices to compute the exact density of the samples.
 
 Lengths in the plane are divided by s, the sine of the angle that the sphere's radius subtends, so that the results for
 tiny light sources are precise in single precision. No step subtracts nearly equal numbers, unless the sphere is almost
@@ -32,10 +29,8 @@ import mitsuba as mi
 
 
 def pdf_projected_cap(cos_n: mi.Float, sin2_theta_max: mi.Float, y: mi.Float, z: mi.Float) -> mi.Float:
-    """Returns the density per solid angle with which `sample_projected_cap` samples a direction that meets the sphere.
-
-    ``cos_n``, ``sin2_theta_max`` and the local frame are those of `sample_projected_cap`; ``y`` and ``z`` are
-    coordinates of the direction in the local frame. The density is 0 below the horizon.
+    """Returns the density per solid angle with which `sample_projected_cap` samples a direction that meets the sphere,
+    with the coordinates ``y`` and ``z`` in the local frame; 0 below the horizon.
     """
     region = _Region(cos_n, sin2_theta_max)
     eta = dr.minimum(dr.abs(y) / dr.maximum(region.s * region.t, _TINY), 1)
@@ -76,11 +71,7 @@ _TINY = 1e-35
 def _direction_in_ellipse(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> mi.Vector3f:
-    """Returns the unit direction, in the local frame, to a point of the ellipse that ``sample`` in [0, 1)² selects.
-
-    The points are uniform in the area of the ellipse. The other arguments and the local frame are those of
-    `sample_projected_cap`.
-    """
+    """Returns the direction, in the local frame, to the point of the ellipse that ``sample`` in [0, 1)² selects."""
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
     p = mi.warp.square_to_uniform_disk_concentric(sample)
@@ -101,9 +92,7 @@ class _Region:
     """
 
     def __init__(self, cos_n: mi.Float, sin2_theta_max: mi.Float) -> None:
-        """Computes the region for a sphere; ``cos_n`` and ``sin2_theta_max`` are those of `sample_projected_cap`. Both
-        areas are 0 if ``sin2_theta_max`` is 1 or more.
-        """
+        """Both areas are 0 if ``sin2_theta_max`` is 1 or more."""
         s2 = dr.minimum(sin2_theta_max, 1)
         self.s = dr.maximum(dr.sqrt(s2), _TINY)
         self.m = dr.minimum(dr.abs(cos_n) / self.s, 1)
@@ -151,9 +140,8 @@ class _Region:
         return mi.Vector3f(x, self.s * self.t * eta, dr.safe_sqrt(to_circle * (x + circle)))
 
     def pdf(self, in_ellipse: mi.Bool, eta: mi.Float) -> mi.Float:
-        """Returns the density, per area of the plane, of a sample in the ellipse (``in_ellipse``) or the crescent.
-
-        ``eta`` is the scaled ordinate |y| / (s t) of the sample. The density is 0 if both areas are 0.
+        """Returns the density, per area of the plane, of a sample in the ellipse (``in_ellipse``) or, at ``eta``, in
+        the crescent; 0 if both areas are 0.
         """
         area = dr.square(self.s) * (self.ellipse + self.crescent)
         # In the crescent, the density of eta is proportional to 1 - eta. The width at eta has the same factor, which

@@ -37,9 +37,7 @@ class Receiver:
 
 
 def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> LightSample:
-    """Returns ``(ds, weight)`` for a sample ``ds`` of ``emitter`` with the density ``ds.pdf`` per solid angle;
-    ``weight`` is the emitted radiance divided by it. Both are 0 in inactive lanes.
-    """
+    """Returns the sample ``ds`` of ``emitter`` with its weight; density and weight are 0 in inactive lanes."""
     visible = active & (ds.pdf > 0)
     ds.emitter = mi.EmitterPtr(emitter) if dr.is_jit_v(mi.Float) else emitter
     weight = eval_direction(emitter, receiver.si, ds, visible) / dr.select(visible, ds.pdf, 1)
@@ -48,7 +46,7 @@ def weighted(emitter: Emitter, receiver: Receiver, ds: mi.DirectionSample3f, act
 
 
 def direction_sample(receiver: Receiver, d: mi.Vector3f) -> mi.DirectionSample3f:
-    """Returns a ``mi.DirectionSample3f`` with the direction ``d`` and the time of ``receiver``, and nothing else."""
+    """Returns a sample with the direction ``d`` and the time of ``receiver``, and nothing else."""
     ds = no_sample(mi.DirectionSample3f)
     ds.d, ds.time, ds.delta = d, receiver.si.time, mi.Bool(False)
     return ds
@@ -75,12 +73,7 @@ class OtherLights:
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a sample of ``emitter``, number ``number`` of this strategy, for the point
-        ``receiver``.
-
-        ``ds`` is a point of the light source, with the density ``ds.pdf`` per solid angle. ``weight`` is its radiance
-        divided by ``ds.pdf``. ``sample`` is a point in [0, 1)².
-        """
+        """Returns a sample of ``emitter``, which has this ``number``, for ``receiver``, by ``sample`` in [0, 1)²."""
         ds, weight = self.methods.sample_direction(emitter, receiver.si, sample, active)
         ds.delta = mi.Bool(ds.delta)
         return ds, weight
@@ -116,7 +109,7 @@ class UnsampledLights(OtherLights):
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a surface whose points nothing can sample (:func:`.point_sampler`)."""
+        """Tells whether ``emitter`` is a surface without :func:`.point_sampler`."""
         surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
         return (
             surface and not mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection) and not point_sampler(emitter)
@@ -163,7 +156,7 @@ class ConstantSky(OtherLights):
     def sample(
         self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
     ) -> LightSample:
-        """Returns ``(ds, weight)``: a cosine-weighted sample of the sky above the horizon of ``receiver``."""
+        """Returns a cosine-weighted sample of the sky above the horizon of ``receiver``."""
         local = mi.warp.square_to_cosine_hemisphere(sample)
         ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))
         ds.dist = mi.Float(self.distance)

@@ -32,10 +32,8 @@ Evaluate: TypeAlias = "Callable[[OtherLights, Index, mi.Bool], Any]"
 
 @dataclass
 class Lamp:
-    """The light source ``emitter``, which has the number ``k`` in :class:`Lights`.
-
-    ``groups`` are the groups (the lamps of one sampling strategy) to which the lamp may belong: several if ``k`` is a
-    Dr.Jit array.
+    """The light source ``emitter``, number ``k`` of :class:`Lights`, and the ``groups`` to which it may belong: several
+    if ``k`` is a Dr.Jit array.
     """
 
     k: Index
@@ -54,7 +52,7 @@ class Lamp:
         return self._by_side(receiver, active, lambda way, k, mine: way.sample(k, self.emitter, receiver, sample, mine))
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
+        """Returns the density per solid angle of :meth:`sample` for ``ds``."""
         return self._by_side(receiver, active, lambda strategy, k, mine: strategy.pdf(k, receiver, ds, mine))
 
     def reparameterised(
@@ -64,10 +62,8 @@ class Lamp:
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the sampling strategy for the sides of ``receiver`` that receive light.
-
-        The strategy is :attr:`two_sided` where both sides do; elsewhere, and if all strategies that the lamp may have
-        sample the whole source, including the part below the horizon, the lamp's own strategy.
+        """Calls ``evaluate`` with :attr:`two_sided` where both sides of ``receiver`` receive light, unless the lamp's
+        own strategies sample the part below the horizon, too; else with these.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -78,8 +74,8 @@ class Lamp:
         return two_sided if idle(above) else dr.select(both_sides, two_sided, self._by_strategy(above, evaluate))
 
     def _by_strategy(self, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask; once for
-        each group if the lamps of different lanes may belong to several groups.
+        """Calls ``evaluate`` with the strategy of the lamp, the lamp's number within the strategy, and a mask, for each
+        group to which it may belong.
         """
         if len(self.groups) == 1:
             strategy, first, _ = self.groups[0]
@@ -96,11 +92,10 @@ class Lamp:
 class Lights:
     """All emitters of ``scene``, grouped by sampling strategy, in an order that is the same in every process.
 
-    A constant sky does not count as a lamp, and follows the lamps. A surface samples it only for BSDF lobes whose
-    direct light comes from light sampling alone: for other lobes, their own rays find the sky at least as well.
-    ``choose`` tells whether a surface point samples only one lamp, which the ``sampler`` chooses, instead of every
-    lamp. For at most ``UNROLLED`` lamps, the kernel contains separate code for each lamp. For more lamps, it contains
-    loops over the lamps, and does not depend on their number.
+    A constant sky does not count as a lamp, and follows the lamps. A surface samples it only for lobes whose direct
+    light comes from light sampling alone: the rays of other lobes find the sky at least as well. ``choose`` tells
+    whether a surface point samples only one lamp, chosen by the ``sampler``. For at most ``UNROLLED`` lamps, the kernel
+    contains separate code for each lamp; else loops, so that it does not depend on their number.
     """
 
     UNROLLED = 4
@@ -149,19 +144,15 @@ class Lights:
         return dr.gather(mi.UInt32, self.numbers, dr.reinterpret_array(mi.UInt32, emitter), active)
 
     def lamp(self, k: Index, groups: list[Group] | None = None) -> Lamp:
-        """Returns the lamp with the number ``k``. If ``k`` is a Dr.Jit array, the lamps belong to the ``groups``
-        (default: all groups); if ``k`` is an integer, the group follows from ``k``.
-        """
+        """Returns the lamp number ``k``; if ``k`` is an array, it belongs to the ``groups`` (default: to any)."""
         if isinstance(k, int):
             groups = [group for group in self.groups if group[1] <= k < group[2]]
             return Lamp(k, self.emitters[k], groups, self.two_sided)
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups, self.two_sided)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, evaluated: bool = False) -> Any:
-        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total.
-
-        ``evaluated`` tells whether Dr.Jit runs the loop in evaluated mode. A symbolic loop would lose derivatives of
-        ``total``.
+        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. Only an
+        ``evaluated`` loop keeps derivatives of ``total``.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if evaluated else None
         for strategy, first, end in self.groups:
@@ -174,8 +165,8 @@ class Lights:
         return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which light sampling at ``receiver`` samples the direction ``ds``,
-        including the probability that the ``sampler`` chooses this lamp; 0 for the sky.
+        """Returns the density per solid angle with which light sampling at ``receiver`` samples ``ds``, including the
+        choice of the lamp; 0 for the sky.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)

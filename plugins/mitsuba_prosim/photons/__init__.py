@@ -5,14 +5,11 @@ source L, rays find the light paths E S* D L, but not the caustics E S* D S+ L. 
 illumination maps (1986), which the thesis names, in the form of Jensen's photon maps (1996).
 
 ``targets`` and ``emission`` aim photons from the light sources at spheres around the specular surfaces. ``tracing``
-follows them through reflections and refractions, ideal or glossy, until they land on diffuse or glossy surfaces.
-``grid`` gives each landed photon a kernel radius: one pixel width, or more where photons are sparse; and sorts the
-photons into grids by this radius. ``caustics`` gathers the photons that are closer than their kernel radius at visible
-points of diffuse surfaces. Each sample of a pixel uses a different photon map, so that adaptive sampling measures the
-noise of photons like other noise. ``mis`` gathers photons at glossy surfaces too, and combines them with the rays that
-glossy lobes sample.
+follows them until they land on diffuse or glossy surfaces. ``grid`` gives each landed photon a kernel radius: one pixel
+width, or more where photons are sparse. ``caustics`` gathers photons at diffuse surfaces. Each sample of a pixel uses
+another photon map, so that adaptive sampling measures the noise of photons like other noise. ``mis`` gathers photons at
+glossy surfaces, too, and combines them with the rays of glossy lobes.
 
-If a render uses photons, paths (:mod:`..transport.path`) find no caustics by their rays. The random numbers of a photon
-are a pure function of the seed and its number, and a sum over photons always has the same order, so the bits of an
-image do not depend on the parameter ``band``, the crop window or the number of threads.
+The random numbers of a photon are a pure function of the seed and its number, and a sum over photons always has the
+same order, so the bits of an image do not depend on the parameter ``band``, the crop window or the number of threads.
 """

@@ -36,13 +36,9 @@ class Caustics:
     photon pass.
 
     A photon pass has several photon maps (:meth:`maps`). The ``t``-th sample of a pixel gathers photons from the map
-    ``t % maps`` of the pass ``t // maps``, which :meth:`use_pass` selects before. ``deepest`` is the maximum number of
-    specular surfaces that scatter a photon. ``tree`` tells whether the integrator follows a ray tree
-    (:class:`.PhotonTracer`).
-
-    In spectral variants, the photons of a map have the same wavelengths as the samples that gather them. The attribute
-    ``key`` is the hash key of the wavelengths of all pixels and photons, and of the photons' random numbers. Every
-    ``n`` samples of a pixel together cover the spectrum.
+    ``t % maps`` of the pass ``t // maps``, which :meth:`use_pass` selects before. ``deepest`` and ``tree`` are those of
+    :class:`.PhotonTracer`. In spectral variants, the photons of a map have the same wavelengths as the samples that
+    gather them: ``key`` is the hash key of both, and every ``n`` samples of a pixel together cover the spectrum.
     """
 
     def __init__(
@@ -64,9 +60,7 @@ class Caustics:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
-        """Returns the :class:`Caustics` of ``scene``, or None if no surface is specular or no light source can emit
-        photons. The arguments are those of the class.
-        """
+        """Returns the object, or None if no surface is specular or no light source can emit photons."""
         shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:
@@ -81,10 +75,8 @@ class Caustics:
         return min(n * n, MAPS)
 
     def use_pass(self, seed: int, number: int, n: int) -> None:
-        """Selects the photon pass number ``number`` of the random ``seed``; samples then gather its photons.
-
-        The photons are emitted and traced unless the cache holds them. A full cache loses its oldest pass. ``n`` is the
-        argument of :meth:`maps`.
+        """Selects the photon pass ``number`` of the random ``seed``, whose photons samples then gather; emits and
+        traces them unless the cache holds them. A full cache loses its oldest pass. ``n`` is that of :meth:`maps`.
         """
         which = seed, number, n
         self.key, self.n = dr.opaque(mi.UInt32, hash32(seed)), dr.opaque(mi.UInt32, n)
@@ -97,11 +89,7 @@ class Caustics:
 
     def add_to(self, L: mi.Spectrum, vertex: Vertex, t: mi.UInt32) -> mi.Spectrum:
         """Returns the radiance ``L`` plus the radiance that ``vertex`` scatters from the photons for the ``t``-th
-        sample of each pixel.
-
-        Diffuse lobes gather the photons that landed on diffuse surfaces, and so do all lobes of a BSDF that can only
-        evaluate them together. Glossy lobes gather the photons that landed on glossy surfaces, with MIS weights, except
-        where an earlier vertex has already found this light (:attr:`.Ray.light_found`).
+        sample of each pixel: diffuse lobes from photons on diffuse surfaces, glossy lobes from photons on glossy ones.
         """
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
@@ -114,9 +102,7 @@ class Caustics:
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
-        """Emits and traces the photons of the pass ``number``, and sorts them into photon maps. Returns those on
-        diffuse surfaces, and those on glossy surfaces (None if these gather no photons).
-        """
+        """Returns the photons of the pass ``number`` on diffuse surfaces, and those on glossy surfaces, or None."""
         maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
         # Photon i belongs to one map and to one pair of a light source and a target.
         i = dr.arange(mi.UInt32, maps * self.sources.pairs * self.per_pair(n))
@@ -134,9 +120,7 @@ class Caustics:
         return on_diffuse, None if glossy is None else Photons(glossy, map_of, maps, self.footprint)
 
     def _wavelengths(self, t: mi.UInt32) -> mi.Color0f:
-        """Returns the wavelengths in nm that the sensor samples for the ``t``-th sample of every pixel; empty except in
-        spectral variants. Each group of ``self.n`` samples covers the spectrum evenly (:func:`.wavelength_number`).
-        """
+        """Returns the wavelengths in nm for the ``t``-th sample of every pixel; empty except in spectral variants."""
         sample, middle = wavelengths.wavelength_number(self.key, t, self.n), mi.Point2f(0.5)
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
@@ -150,16 +134,14 @@ class Gathering:
         self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
 
     def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Returns the radiance that the diffuse lobes at ``vertex`` reflect from the photons of the map ``number``; all
-        lobes do so of a BSDF that can only evaluate them together.
+        """Returns the radiance that the diffuse lobes at ``vertex``, or all lobes of an inseparable BSDF, reflect from
+        the photons of the map ``number``.
         """
         si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
         active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
 
         def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """Returns the BSDF value of the diffuse lobes, without the cosine, for a photon from the direction ``d``;
-            if all are Lambertian, 1 for a photon from the viewer's side, else 0.
-            """
+            """The BSDF value without the cosine; if all are Lambertian, 1 for a photon from the viewer's side."""
             if self.lambertian:
                 return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
             wo = si.to_local(d)

@@ -62,7 +62,7 @@ class EmissionSample:
 
 
 def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
-    """Returns those ``emitters`` whose photons can be aimed at targets, and logs a warning for all other emitters."""
+    """Returns those ``emitters`` whose photons can be aimed at targets, and warns of all others."""
     others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
     if others:
         names = ", ".join(repr(name_of(emitter)) for emitter in others)
@@ -77,11 +77,8 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 
 
 def can_be_aimed(emitter: mi.Emitter) -> bool:
-    """Tells whether photons of ``emitter`` can be aimed at a target: the emitter is a point, is infinitely far away, or
-    is a surface that emits in many directions.
-
-    A ``directionalarea``, with the flag DeltaDirection, emits only along its normals. The points of a surface must be
-    known (:func:`.point_sampler`).
+    """Tells whether photons of ``emitter`` can be aimed at a target: it is a point, infinitely far away, or a surface
+    that emits in many directions (``directionalarea`` has the flag DeltaDirection) and has a :func:`.point_sampler`.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
@@ -107,10 +104,8 @@ class Sources:
         self.per_pair = mi.Float(0)
 
     def start(self, pair: mi.UInt32, on_source: mi.Point2f, on_target: mi.Point2f, wavelengths: mi.Color0f) -> Start:
-        """Emits one photon for each entry of ``pair``, the number of a pair of a light source and a target sphere.
-
-        The other arguments are the attributes of the same names in :class:`EmissionSample`. A photon whose flux is not
-        finite gets the flux 0.
+        """Emits one photon for each entry of ``pair``, the number of a pair; the other arguments are those of
+        :class:`EmissionSample`. A photon whose flux is not finite gets the flux 0.
         """
         number = pair // self.targets.count
         target = pair - number * self.targets.count
@@ -127,7 +122,7 @@ class Sources:
         return start
 
     def _point(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from point lights towards the targets; without flux if the ray hits nothing in the scene."""
+        """Emits photons from point lights."""
         # Mitsuba tells the light that arrives at a surface, so the intensity is computed at the first surface. The
         # power of an ``unattenuated`` source depends on the distance of this surface.
         center, radius = self.targets.at(sample.target)
@@ -140,9 +135,7 @@ class Sources:
         return Start(ray, flux, mi.Float(DELTA_DENSITY))
 
     def _surface(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from points on emitting surfaces towards the targets; without flux if they would start behind
-        the surface, or hit nothing in the scene.
-        """
+        """Emits photons from points on emitting surfaces."""
         center, radius = self.targets.at(sample.target)
         ps = self.methods.sample_position(emitter, sample.on_source, active)
         x, per_area = ps.p, mi.Float(ps.pdf)
@@ -159,10 +152,8 @@ class Sources:
         return Start(ray, flux, density / dr.select(lit, cos, 1))  # per area at right angles to the ray
 
     def _far(self, emitter: mi.EmitterPtr, sample: EmissionSample, active: mi.Bool) -> Start:
-        """Emits photons from distant light sources, such as the sky or the sun, towards the targets.
-
-        The photons start outside the scene, on lines through random points of a disk: the outline of the target, seen
-        from the light source.
+        """Emits photons from distant light sources. They start outside the scene, on lines through random points of a
+        disk: the outline of the target, seen from the light source.
         """
         center, radius = self.targets.at(sample.target)
         ds, weight = self.methods.sample_direction(emitter, sample.receiver(center), sample.on_source, active)
@@ -176,10 +167,8 @@ class Sources:
         return Start(mi.Ray3f(x - d * back, d), flux, density)
 
     def density(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density of photons (:attr:`Start.density`) along the ray from a light source to the point ``it``;
-        ``ds`` is the direction sample from ``it`` to the light source.
-
-        The density is 0 for point lights, for light of a single direction, and where no photon can start.
+        """Returns the density of photons (:attr:`Start.density`) that arrive at the point ``it`` from the light source
+        point ``ds``; 0 for point lights, for light of a single direction, and where no photon can start.
         """
         d, flags, result = -ds.d, ds.emitter.flags(), mi.Float(0)
         if mi.has_flag(self.flags, mi.EmitterFlags.Surface):
@@ -204,10 +193,8 @@ class Sources:
 
 
 def start_points(key: mi.UInt32, i: mi.UInt32) -> tuple[mi.Point2f, mi.Point2f]:
-    """Returns the random points ``on_source`` and ``on_target`` of :class:`EmissionSample` for photon number ``i``.
-
-    They belong to two independent Owen-scrambled Sobol' sequences, with the hash ``key``. In each, 2^k successive
-    photons, beginning at a multiple of 2^k, have one point in each cell of any 2^a × 2^b grid with a + b = k.
+    """Returns the random points ``on_source`` and ``on_target`` of :class:`EmissionSample` for photon number ``i``, by
+    two independent Owen-scrambled Sobol' sequences with the hash ``key``.
     """
     i = sobol.reverse(i)  # :func:`.sobol.point` takes the index with its bits in reverse order
     return sobol.point(combine(key, 0), i), sobol.point(combine(key, 1), i)

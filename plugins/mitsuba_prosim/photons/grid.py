@@ -66,10 +66,10 @@ class Footprint:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
-        """Returns the :class:`Footprint` of the pixel at the centre of the film of ``sensor``, without its crop window.
+        """Returns the footprint of the pixel at the centre of the film, without its crop window.
 
-        The minimum width of a pixel is :data:`MIN_PIXEL_WIDTH` times the radius of the scene; this is the width
-        everywhere if the rays of ``sensor`` have no differentials.
+        Its width is at least :data:`MIN_PIXEL_WIDTH` times the radius of the scene; just this if the rays of ``sensor``
+        have no differentials.
         """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
@@ -92,15 +92,15 @@ class Footprint:
         return self.size + self.spread * dr.norm(p - self.eye)
 
     def area(self, p: mi.Point3f) -> mi.Float:
-        """Returns the effective area of the kernel of a photon at the point ``p``, in square scene units: photons with
-        equal weights on this area cause the same noise as photons with the weights of the kernel.
+        """Returns the area, in square scene units, on which photons with equal weights cause the same noise as photons
+        with the weights of the kernel at the point ``p``.
         """
         return UNIFORM_AREA * dr.pi * dr.square(self.width(p))
 
 
 @dataclass
 class Landed:
-    """Photons that have landed on surfaces, with the points where they landed."""
+    """Photons that have landed on surfaces."""
 
     p: mi.Point3f
     #: Unit direction of flight.
@@ -128,10 +128,7 @@ class Landed:
 
 class Photons:
     """The photons ``landed``, sorted into ``maps`` independent photon maps, so that every sum over photons has a fixed
-    order.
-
-    ``map_of`` tells the map of each photon. Photons are sorted by map, then by bucket of grid cells
-    (:func:`bucket_of`), then by their index. ``footprint`` is the footprint of the pixels that gather the photons.
+    order: by their map ``map_of``, then by bucket of grid cells (:func:`bucket_of`), then by their index.
     """
 
     def __init__(self, landed: Landed, map_of: mi.UInt32, maps: int, footprint: Footprint) -> None:
@@ -163,11 +160,10 @@ class Photons:
     def row_range(
         self, number: mi.UInt32, row: mi.UInt32, low: mi.Int32, high: mi.Int32, size: mi.UInt32, active: mi.Bool
     ) -> tuple[mi.UInt32, mi.UInt32]:
-        """Returns ``(begin, end)``: the range of the indices of the photons in the cells ``low`` to ``high`` of a row
-        of cells of the map ``number``.
+        """Returns ``(begin, end)``: the indices of the photons in the cells ``low`` to ``high`` of a row of cells of
+        the map ``number``, and perhaps of photons of other rows, which may share a bucket.
 
-        The range may also contain photons of other rows, because cells of different rows may share a bucket. The
-        ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
+        The ``size`` photons of a map form a ring: an index beyond the last photon continues at the first photon.
         """
         first, last = (bucket_of(number, row, x, self.mask) for x in (low, high))
         begin, end = (dr.gather(mi.UInt32, self.begins, at, active) for at in (first, last + 1))
@@ -175,13 +171,13 @@ class Photons:
 
 
 def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
-    """Returns the kernel radius, in scene units, of each of the photons at the points ``p``: the width of a pixel at
-    the photon times the smallest of ``footprint.radii`` with which at least about :data:`MIN_NEIGHBOURS` photons are
-    within the radius, or the greatest.
+    """Returns the kernel radius, in scene units, of photons at the points ``p``: the width of a pixel there times the
+    smallest of ``footprint.radii`` with at least about :data:`MIN_NEIGHBOURS` photons within the radius, or the
+    greatest.
 
-    The kernel radius is greater where photons are sparse, because a single photon with a small radius would make an
-    isolated bright pixel (Silverman 1986, chapter 5). The neighbours are counted in all photon maps together, so that
-    the radius hardly depends on the photons of one map.
+    It is greater where photons are sparse, because a single photon with a small radius would make an isolated bright
+    pixel (Silverman 1986, chapter 5). The neighbours are counted in all photon maps together, so that the radius hardly
+    depends on the photons of one map.
     """
     width = footprint.width(p)
     result = mi.Float(width)
@@ -207,8 +203,8 @@ def counts_below(key: mi.UInt32, count: int) -> mi.UInt32:
 
 
 def grid_of(radius: mi.Float) -> mi.Int32:
-    """Returns the number of the grid for photons of the kernel radius ``radius``. Its cells are so large that a sphere
-    with this radius touches at most two cells along each axis.
+    """Returns the number of the grid for photons of a kernel radius. A sphere with this radius touches at most two of
+    its cells along each axis.
     """
     return mi.Int32(dr.floor(SIZES * dr.log2(radius)))
 
@@ -219,24 +215,20 @@ def cell_edge(grid: mi.Int32) -> mi.Float:
 
 
 def cell(p: mi.Point3f, grid: mi.Int32) -> tuple[mi.Int32, mi.Int32, mi.Int32]:
-    """Returns the integer coordinates of the cell of the point ``p`` in the grid number ``grid``."""
+    """Returns the integer coordinates of the cell of the point ``p``."""
     per_edge = dr.rcp(cell_edge(grid))
     return tuple(mi.Int32(dr.floor(v * per_edge)) for v in p)
 
 
 def row_hash(grid: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """Returns a hash of the row of cells with the coordinates ``y`` and ``z`` in the grid number ``grid``. Two
-    neighbouring rows have the same hash with a probability of 10⁻⁸.
-    """
+    """Returns a hash of the row of cells with the coordinates ``y`` and ``z``."""
     return combine(combine(mi.UInt32(grid), mi.UInt32(y)), mi.UInt32(z))
 
 
 def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -> mi.UInt32:
-    """Returns the number of the bucket that holds the photons of one cell of the map ``number``: the cell ``x`` of the
-    row with the hash ``row``.
+    """Returns the number of the bucket for the cell ``x`` of the row with the hash ``row`` in the map ``number``.
 
     Each map has ``mask`` + 1 buckets, which form a ring. The photons of the next cell of a row are in the next bucket.
-    Cells of different rows may share a bucket.
     """
     return number * (mask + 1) + ((row + mi.UInt32(x)) & mask)
 
@@ -244,12 +236,12 @@ def bucket_of(number: mi.UInt32, row: mi.UInt32, x: mi.Int32, mask: mi.UInt32) -
 def gather(
     photons: Photons, number: mi.UInt32, si: mi.SurfaceInteraction3f, value: ValueOf, active: mi.Bool
 ) -> mi.Spectrum:
-    """Returns the radiance that the surface at ``si`` scatters from nearby photons of the map ``number``.
+    """Returns the radiance that the surface at ``si`` scatters from nearby photons of the map ``number``: the sum of
+    the BSDF ``value`` times flux times kernel.
 
-    The radiance is a sum over the photons near ``si``: the BSDF ``value`` for a photon (:data:`ValueOf`), times its
-    flux and kernel. A photon with the kernel radius r, at the distance d from ``si``, has Epanechnikov's kernel, 2 (1 -
-    d² / r²) / (π r²); r is computed for the width of a pixel at ``si``. Photons that are farther from ``si`` than r, or
-    farther from the plane of the surface than r times :data:`MAX_PLANE_DISTANCE`, add nothing.
+    A photon with the kernel radius r (for the width of a pixel at ``si``), at the distance d < r, has Epanechnikov's
+    kernel, 2 (1 - d² / r²) / (π r²), unless it is farther from the plane of the surface than r times
+    :data:`MAX_PLANE_DISTANCE`.
     """
     footprint = photons.footprint
     width, n2 = footprint.width(si.p), dr.square(si.n)
@@ -277,9 +269,6 @@ def gather(
         rows = dr.select(active, mi.UInt32(last - first + 1) << (bits_y + bits_z), 0)
 
         def add_photon(i: mi.UInt32, end: mi.UInt32, row: mi.UInt32, L: mi.Spectrum) -> tuple[mi.UInt32, mi.Spectrum]:
-            """Adds the radiance that the photon ``i`` causes at ``si`` to ``L``, if ``i`` is below ``end`` and the
-            photon is in the row of cells with the hash ``row``; returns ``(i + 1, L)``.
-            """
             in_range = i < end
             index = dr.select(i < first_of_map + size, i, i - size)
             place = dr.gather(mi.Vector4f, photons.places, index, in_range)

@@ -79,9 +79,8 @@ class PhotonMIS:
     """Gathers photons on glossy surfaces of ``scene``, with the MIS weights of photons and rays.
 
     A photon is gathered only if surfaces have scattered it, all of them ideally specular or near-specular. ``deepest``
-    is the maximum number of specular surfaces of a light path, those of the camera ray included. ``tree`` tells whether
-    camera rays form a ray tree, which follows both the reflected and the refracted ray. The weights assume that the
-    kernel radius of each photon is the width of a pixel (``footprint``), although that of sparse photons is greater.
+    is the maximum number of specular surfaces of a light path, ``tree`` tells whether camera rays form a ray tree. The
+    weights assume that the kernel radius of each photon is the width of a pixel (``footprint``).
     """
 
     def __init__(self, scene: mi.Scene, sources: Sources, footprint: Footprint, deepest: mi.UInt32, tree: bool) -> None:
@@ -96,7 +95,7 @@ class PhotonMIS:
         self.lights = Lights(scene, choose=not tree) if self.near_specular_bsdfs else None
 
     def near_specular(self, bsdf: mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Tells in which of the ``active`` lanes ``bsdf`` is near-specular."""
+        """Tells in which lanes ``bsdf`` is near-specular."""
         if not self.near_specular_bsdfs:
             return mi.Bool(False)
         return dispatch(bsdf, lambda one, active: mi.Bool(one in self.near_specular_bsdfs), active)
@@ -104,13 +103,12 @@ class PhotonMIS:
     # ------------------------------------------------------------ camera rays
 
     def next(self, vertex: Vertex, following: Ray, bs: mi.BSDFSample3f, weight: mi.Spectrum) -> Ray:
-        """Returns the ray ``following``, which leaves ``vertex`` by the BSDF sample ``bs`` and ``weight``, after
-        setting its ``last_etendue`` and ``earlier_etendue``.
+        """Returns the ray ``following``, which leaves ``vertex`` by the BSDF sample ``bs`` and ``weight``, with its
+        ``last_etendue`` and ``earlier_etendue``.
 
-        ``last_etendue`` is the étendue of the ray at ``vertex``; it is 0 if no smooth lobe was sampled.
-        ``earlier_etendue`` is the étendue of the arriving ray, times the fraction of light that the sampled lobe keeps;
-        it is 0 if the lobe is neither ideal nor near-specular, or is the ideal lobe of a BSDF that also has a glossy
-        lobe. Both are 0 if the BSDF can only evaluate all its lobes together.
+        ``last_etendue`` is that at ``vertex``; 0 if no smooth lobe was sampled. ``earlier_etendue`` is that of the
+        arriving ray, times the fraction of light that an ideal (:func:`ideal_throughput`) or near-specular lobe keeps;
+        0 after other lobes. Both are 0 at an inseparable BSDF.
         """
         si, bsdf = vertex.si, vertex.bsdf
         smooth = but_not(following.pdf > 0, vertex.inseparable)
@@ -123,11 +121,10 @@ class PhotonMIS:
     def emission_weight(
         self, ray: Ray, origin: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns the factor by which photons reduce the MIS weight of ``ray`` where the ray meets a light source; 1
-        where no photon could have found its light.
+        """Returns the factor by which photons reduce the MIS weight of ``ray`` where it meets the light source point
+        ``ds``; 1 where no photon could have found its light.
 
-        ``ds`` is the direction sample from ``origin`` to the light source. Light sampling would take this sample with
-        the density ``pdf``, which is 0 if an ideal lobe sampled the direction of ``ray``.
+        Light sampling at ``origin`` would take ``ds`` with the density ``pdf``; 0 after an ideal lobe.
         """
         assert ray.earlier_etendue is not None
         density = self.sources.density(origin, ds, active & (ray.earlier_etendue > 0))
@@ -136,10 +133,9 @@ class PhotonMIS:
     def light_weight(
         self, vertex: Vertex, ds: mi.DirectionSample3f, f: mi.Spectrum, pdf: mi.Float, active: mi.Bool
     ) -> mi.Float:
-        """Returns the factor by which photons reduce the MIS weight of light sampling at ``vertex``; 1 where no photon
-        could have found the same light, and where the surface is not near-specular.
-
-        ``f`` and ``pdf`` are the value and the density of the lobe for the direction of the light sample ``ds``.
+        """Returns the factor by which photons reduce the MIS weight of the light sample ``ds`` at ``vertex``, for a
+        lobe with the value ``f`` and the density ``pdf``; 1 where the surface is not near-specular, or no photon could
+        have found the same light.
         """
         active = active & (pdf > 0) & self.near_specular(vertex.bsdf, active)
         expected = etendue_of(vertex.ray) * kept_fraction(f, pdf) * self.sources.density(vertex.si, ds, active)
@@ -147,11 +143,8 @@ class PhotonMIS:
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the glossy lobes at ``vertex`` scatter from the photon map ``number``, with MIS
-        weights.
-
-        It is 0 where the BSDF can only evaluate all its lobes together, and where an earlier vertex has already found
-        this light (:attr:`.Ray.light_found`). Photons are gathered only if the surfaces that they and the camera ray
-        met, and the surface at ``vertex``, are together at most ``deepest``.
+        weights; 0 at an inseparable BSDF, and where the light is already found (:attr:`.Ray.light_found`). At most
+        ``deepest`` surfaces count, those of the photon and of the camera ray together.
         """
         ray, si, bsdf = vertex.ray, vertex.si, vertex.bsdf
         active = vertex.active & lobes.has_any(bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
@@ -181,14 +174,9 @@ class PhotonMIS:
         """Returns ``(density, landed)`` after the surface ``hit``: the density of the photons, and the photons that
         have landed on glossy surfaces, in addition to those of the argument ``landed``.
 
-        ``bs`` and ``weight`` are the BSDF sample that scatters the photons in the ``active`` lanes; other photons end
-        here. On a near-specular surface, a photon either lands or continues; on another glossy surface it may do both.
-        Photons land only after a surface has scattered them, if ``hit.density`` is not 0, on BSDFs with glossy lobes
-        that can be evaluated separately. ``land_weight`` is 1 divided by the probability that a photon lands on a
-        near-specular surface.
-
-        The returned density is 0 where the sampled lobe is neither ideal nor near-specular, or is the ideal lobe of a
-        BSDF that also has a glossy lobe, and where the BSDF can only evaluate all its lobes together.
+        The BSDF sample ``bs`` and ``weight`` scatters the photons in the ``active`` lanes; other photons end here. On a
+        near-specular surface, a photon either lands, with the probability 1 / ``land_weight``, or continues; on another
+        glossy surface it may do both. The returned density is 0 where :meth:`next` has no étendue either.
         """
         flags, density = hit.bsdf.flags(), hit.density
         lands = but_not(hit.active & (hit.level > 0) & (density > 0) & (hit.cos > 0), hit.inseparable)
@@ -202,11 +190,8 @@ class PhotonMIS:
         return beyond, dr.select(lands, here, landed)
 
     def density_after(self, hit: Hit, wo: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``.
-
-        The light that the lobe loses, and the MIS weights of further strategies at this surface, reduce the density. It
-        becomes 0 where the light comes directly from a point or directional light, which only light sampling finds, or
-        from a constant sky, which only rays find.
+        """Returns the density of photons in the local direction ``wo`` after the near-specular surface ``hit``, which
+        the light that the lobe loses, and the MIS weights of further strategies at this surface, reduce.
         """
         assert self.lights is not None
         # A camera ray of the same light path arrives from the direction in which the photon leaves.
@@ -243,8 +228,7 @@ def etendue_of(ray: Ray) -> mi.Float:
 
 
 def effective_photons(photons: mi.Float, others: mi.Float) -> mi.Float:
-    """Returns P / √(1 + O²), where P is ``photons``, the expected number (or the density) of photons per ray, and O is
-    ``others``, the expected number of samples of a third strategy per ray.
+    """Returns P / √(1 + O²), for P expected ``photons`` (or their density), and O samples of a third strategy, per ray.
 
     For this result, :func:`ray_weight` returns (1 + O²) / (1 + O² + P²): the sum of the MIS weights of the ray and of
     the third strategy, such as light sampling.
@@ -258,12 +242,11 @@ def ray_weight(photons: mi.Float) -> mi.Float:
 
 
 def ideal_throughput(bs: mi.BSDFSample3f, weight: mi.Spectrum, flags: mi.UInt32) -> mi.Float:
-    """Returns the fraction of a beam's light that the sampled ideal lobe keeps: the weight of the sample ``(bs,
-    weight)``, in the channel with the greatest weight, times the probability of the sample.
+    """Returns the fraction of a beam's light that the sampled ideal lobe keeps, in the brightest channel; 0 where it is
+    not ideal, and where the BSDF has a glossy lobe too, as its ``flags`` tell.
 
-    It is 0 where the sampled lobe is not ideal, and where the BSDF has a glossy lobe too, as its ``flags`` tell. It is
-    the same in both directions along the beam, except that for camera rays it contains the squared ratio of the indices
-    of refraction.
+    It is the same in both directions along the beam, except that for camera rays it contains the squared ratio of the
+    indices of refraction.
     """
     ideal = but_not(lobes.has_any(bs.sampled_type, *lobes.IDEAL), lobes.has_any(flags, *lobes.GLOSSY))
     return dr.select(ideal, dr.max(mi.unpolarized_spectrum(weight)) * bs.pdf, 0)
@@ -280,11 +263,9 @@ def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
 
 
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
-    """Returns the near-specular BSDFs of ``scene``, including the BSDFs within instances.
-
-    A glossy BSDF is near-specular if the density of its sampled rays (:func:`density_of_rays`) is above
-    :data:`MIN_DENSITY`, and above :data:`MIN_DENSITY_RATIO` times the density for the roughest glossy BSDF. BSDFs that
-    can only evaluate all their lobes together are neither; a dispersive BSDF may only be the roughest.
+    """Returns the glossy BSDFs of ``scene`` whose :func:`density_of_rays` is above :data:`MIN_DENSITY`, and above
+    :data:`MIN_DENSITY_RATIO` times that of the roughest one. Inseparable BSDFs are neither; a dispersive BSDF may only
+    be the roughest.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:
@@ -295,10 +276,8 @@ def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
 
 
 def density_of_rays(scattering: Scattering, bsdfs: list[mi.BSDF]) -> np.ndarray:
-    """Returns, for each BSDF, the density per solid angle that nine in ten sampled rays of its glossy lobes exceed.
-
-    The density is 0 for a BSDF without glossy lobes. Each BSDF is sampled at an angle of incidence of 45° and at random
-    texture coordinates.
+    """Returns, for each BSDF, the density per solid angle that nine in ten sampled rays of its glossy lobes exceed, at
+    an angle of incidence of 45° and random texture coordinates; 0 without glossy lobes.
     """
     count = len(bsdfs)
     i = dr.arange(mi.UInt32, RAYS * count)

@@ -41,12 +41,10 @@ class Targets:
     def density(
         self, x: mi.Point3f, d: mi.Vector3f, far: bool, active: mi.Bool, own: mi.UInt32 | None = None
     ) -> mi.Float:
-        """Returns the density of photons per solid angle along the ray from ``x`` in the direction ``d``, if one photon
-        is aimed at each sphere.
+        """Returns the density of photons along the ray from ``x`` in the direction ``d``, if one photon is aimed at
+        each sphere: per solid angle or, if ``far``, per area at right angles to parallel rays.
 
-        If ``far`` is true, photons fly along parallel rays, and the density is per area at right angles to the rays.
-        ``own`` is the number of the sphere at which the ray was aimed, which it meets even if a rounding error denies
-        this.
+        ``own`` is the number of the sphere at which the ray was aimed, which it meets despite rounding errors.
         """
 
         def add(k: mi.UInt32, total: mi.Float) -> mi.Float:
@@ -65,10 +63,8 @@ class Targets:
 
 
 def is_specular(shape: mi.Shape, tree: bool) -> bool:
-    """Tells whether ``shape`` may scatter photons by a glossy, ideal or null lobe; true for an instance.
-
-    ``tree`` tells whether the integrator follows a ray tree. On paths, BSDFs without separable lobes scatter photons
-    only by ideal or null lobes.
+    """Tells whether ``shape`` may scatter photons by a specular lobe; on paths, without ``tree``, inseparable BSDFs
+    scatter them only by ideal or null lobes.
     """
     if shape.class_name() == INSTANCE:
         return True  # an instance does not expose its BSDFs
@@ -80,9 +76,7 @@ def is_specular(shape: mi.Shape, tree: bool) -> bool:
 
 
 def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
-    """Warns if a ray tree may omit light: at least two of the ``shapes`` have BSDFs without separable lobes, and one of
-    these BSDFs has a glossy transmission.
-    """
+    """Warns if at least two of the ``shapes`` have inseparable BSDFs, and one of these has a glossy transmission."""
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
     if through and len(inseparable) > 1:
@@ -109,10 +103,8 @@ def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
 
 
 def merged(spheres: ArrayLike, max_count: int = MAX_TARGETS) -> list[tuple[float, ...]]:
-    """Returns at most ``max_count`` spheres that together contain all the given ``spheres``.
-
-    The function splits ``spheres`` into two halves along the axis of their greatest extent, and splits each half again,
-    up to ``max_count`` groups. Each final group of spheres gets one sphere that contains the group.
+    """Returns at most ``max_count`` spheres that together contain all the given ``spheres``, which are split into two
+    halves along the axis of their greatest extent, and so on.
     """
     group = np.array(spheres, dtype=np.float64)
     if min(max_count, len(group)) == 1:

@@ -53,9 +53,8 @@ class State:
 class PhotonTracer:
     """Traces photons in ``scene``; at most ``deepest`` specular surfaces reflect or refract each photon.
 
-    ``tree`` tells whether the integrator follows a ray tree: then BSDFs without separable lobes scatter photons by all
-    specular lobes. On paths, they scatter photons only by ideal lobes, and all other photons land on them. ``mis`` is
-    the :class:`.PhotonMIS` if photons land on glossy surfaces, else None.
+    For a ray ``tree``, inseparable BSDFs scatter photons by all specular lobes; for paths, only by ideal lobes, and all
+    other photons land on them. ``mis`` is None if no photons land on glossy surfaces.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:
@@ -64,8 +63,8 @@ class PhotonTracer:
         self.scattering = Scattering(scene)
 
     def __call__(self, start: Start, key: mi.UInt32) -> tuple[Landed, Landed | None]:
-        """Traces the photons ``start``; returns those that landed on diffuse surfaces, and those that landed on glossy
-        surfaces (None without MIS). ``key`` is the hash key of each photon's random numbers.
+        """Traces the photons ``start`` with the hash keys ``key``; returns those that landed on diffuse surfaces, and
+        those that landed on glossy surfaces (None without MIS).
         """
         active, medium = dr.max(start.flux) > 0, mi.MediumPtr(None)
         density, glossy = (None, None) if self.mis is None else (start.density, Landed.nowhere())
@@ -74,11 +73,9 @@ class PhotonTracer:
         return state.landed, state.glossy
 
     def _step(self, state: State, key: mi.UInt32) -> State:
-        """Moves each photon to the next surface, where the photon lands, continues, or ends.
-
-        Russian roulette lets a photon continue with the probability ``p_continue``. A photon that does not continue
-        lands if the surface gathers photons. On a glossy surface that is not near-specular, a photon may both land and
-        continue (:meth:`.PhotonMIS.scatter`). No photon lands on the first surface that it meets.
+        """Moves each photon to the next surface, where it continues by Russian roulette, else lands if the surface
+        gathers photons, but not on the first surface. On a glossy surface that is not near-specular, a photon may do
+        both (:meth:`.PhotonMIS.scatter`).
         """
         hit, medium = self._intersect(state)
         flags = hit.bsdf.flags()
@@ -131,11 +128,9 @@ class PhotonTracer:
     def _scatter(
         self, hit: Hit, u: LobePoint, active: mi.Bool
     ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
-        """Samples the specular lobes of the surface ``hit`` by the random numbers ``u``, and returns ``(bs, weight,
-        active, by_all_lobes)``.
-
-        The returned ``active`` tells where the surface scatters a photon. ``by_all_lobes`` tells whether a lobe that is
-        not ideal of a BSDF without separable lobes made the sample; on paths, such a sample scatters no photon.
+        """Samples the specular lobes of the surface ``hit``, and returns ``(bs, weight, active, by_all_lobes)``:
+        ``active`` tells where it scatters a photon, ``by_all_lobes`` where a smooth lobe of an inseparable BSDF made
+        the sample, which on paths scatters no photon.
         """
         si = hit.si
         bs, weight, belongs = self.scattering.sample(self.specular, hit, u, active, hit.flux)
@@ -148,11 +143,9 @@ class PhotonTracer:
 
 
 def adjoint_correction(si: mi.SurfaceInteraction3f, wo: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
-    """Returns the factor that corrects the flux of a photon if shading normal and geometric normal differ (Veach 1997,
-    5.3): |wi·ns| |wo·n| / (|wi·n| |wo·ns|), but at most :data:`MAX_COSINE_RATIO`.
-
-    ``ns`` is the shading normal, ``n`` the geometric normal. The direction ``wo`` is in local coordinates, ``d`` is the
-    same in world coordinates.
+    """Returns the factor that corrects the flux of a photon where the shading normal ns differs from the normal n
+    (Veach 1997, 5.3): |wi·ns| |wo·n| / (|wi·n| |wo·ns|), at most :data:`MAX_COSINE_RATIO`. ``d`` is ``wo`` in world
+    coordinates.
     """
     cos_i, cos_o = dr.abs(mi.Frame3f.cos_theta(si.wi)), dr.abs(mi.Frame3f.cos_theta(wo))
     true_i, true_o = dr.abs(dr.dot(si.n, si.to_world(si.wi))), dr.abs(dr.dot(si.n, d))

@@ -48,10 +48,8 @@ class PureSampler(mi.Sampler):
         return copy
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
-        """Seeds the sampler, and starts the first samples of each pixel; the parameter ``seed`` of the plugin is added.
-
-        ``samples_per_wavefront`` adjacent lanes belong to one pixel, and take consecutive samples of it. A scalar
-        variant has only one lane.
+        """Seeds the sampler, with the parameter ``seed`` of the plugin added. ``samples_per_wavefront`` adjacent lanes
+        take consecutive samples of one pixel.
         """
         super().seed(seed, wavefront_size)
         key = mi.UInt32(seed) + self.base_seed
@@ -69,15 +67,13 @@ class PureSampler(mi.Sampler):
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def advance(self) -> None:
-        """Starts the next sample in each lane, with its first dimension. Its index grows by the number of lanes of a
-        pixel, because the other lanes take the samples between.
-        """
+        """Starts the next sample in each lane; the other lanes of the pixel take the samples between."""
         # The method of the base class would only advance its own counters, and call this method first.
         self.index += self.samples_per_wavefront
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def schedule_state(self) -> None:
-        """Schedules the sample index and the dimension of the sampler for evaluation by Dr.Jit."""
+        """Schedules the state of the sampler for evaluation by Dr.Jit."""
         super().schedule_state()
         dr.schedule(self.index, self.dimension)
 

@@ -39,8 +39,8 @@ class Sobol:
 
 
 def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
-    """Returns a point of the Sobol' sequence in [0, 1)², shuffled and scrambled by the hash ``key``; ``reversed_index``
-    is the index of the point with its 32 bits in reverse order.
+    """Returns a Sobol' point in [0, 1)², shuffled and scrambled by the hash ``key``; ``reversed_index`` is its index
+    with the bits in reverse order.
     """
     i = reverse(scrambled(reversed_index, combine(key, 0)))  # the order of the points
     x, y = scrambled(i, combine(key, 1)), scrambled(pascal(i), combine(key, 2))
@@ -48,8 +48,8 @@ def point(key: UInt, reversed_index: UInt) -> mi.Point2f:
 
 
 def pascal(i: Any) -> Any:
-    """Returns the second coordinate of a Sobol' point, computed from the first coordinate ``i``, both with their 32
-    binary digits in reverse order: multiplies by Pascal's matrix modulo 2, in five steps with shifts by powers of two.
+    """Returns the second coordinate of a Sobol' point from the first one, both with their bits in reverse order:
+    multiplies by Pascal's matrix modulo 2.
     """
     for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
         i = i ^ ((i >> shift) & mask)
@@ -57,9 +57,8 @@ def pascal(i: Any) -> Any:
 
 
 def z_curve(x: Any, y: Any) -> Any:
-    """Returns the Morton code of the pixel (x, y), which orders pixels on a Z-order curve: the bits of x and y
-    alternate, from the lowest bit of x on. ``x`` and ``y`` are arrays of 32-bit unsigned integers, of Dr.Jit or NumPy;
-    only their lowest 14 bits count.
+    """Returns the Morton code of the pixel (x, y): the lowest 14 bits of x and y alternate. Both are arrays of 32-bit
+    unsigned integers, of Dr.Jit or NumPy.
     """
     spread = [x & 0x3FFF, y & 0x3FFF]
     # Each step moves half of the bits apart, until there is a gap after each bit.

@@ -18,11 +18,9 @@ from .nrook import to_unit
 def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Float:
     """Returns the number in [0, 1) that determines the four wavelengths of the sample number ``t``.
 
-    ``key`` is the hash key of a pixel, or the hash key of the image if all pixels and photons share wavelengths; the
-    key shifts all numbers, modulo 1. A pass has ``n`` samples. The numbers of a pass are evenly spaced over a quarter
-    of [0, 1), and so divide a quarter of the spectrum into ``n`` equal parts. In each pass, the wavelength numbers are
-    shifted by a fraction of the distance of two neighbouring numbers. From each pass to the next pass, this fraction
-    grows by one over the golden ratio, modulo 1. Integration over a shifted lattice of wavelengths is nearly exact for
+    The hash key ``key`` of a pixel, or of the image if all pixels share wavelengths, shifts all numbers, modulo 1. The
+    numbers of a pass of ``n`` samples are evenly spaced over a quarter of [0, 1). From pass to pass, they are shifted
+    by their distance over the golden ratio. Integration over a shifted lattice of wavelengths is nearly exact for
     smooth spectra (Cranley and Patterson 1976).
     """
     r = t // n  # number of the pass
@@ -30,12 +28,12 @@ def wavelength_number(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32) -> mi.Fl
 
 
 def wavelength_choice(key: mi.UInt32, t: mi.UInt32, n: int | mi.UInt32, rest: mi.Float) -> mi.Float:
-    """Returns the number in [0, 1) by which the sample number ``t`` of a pixel chooses one of its four wavelengths.
+    """Returns the number in [0, 1) by which the sample number ``t`` of a pixel chooses one of its four wavelengths,
+    which :func:`wavelength_number` has sampled with the same ``n``.
 
-    The function :func:`wavelength_number`, with the same ``n``, has sampled the four wavelengths. In 4 n samples, each
-    of the n parts of a quarter of the spectrum is combined once with each of the four wavelengths; in four samples,
-    each of the four wavelengths is chosen once. The returned number is (k + ``rest``) / 4, where k is the number of the
-    chosen wavelength and ``rest`` is a number in [0, 1). ``key`` is the hash key of the choice.
+    In 4 n samples, each of the n parts of a quarter of the spectrum is combined once with each of the four wavelengths;
+    in four samples, each wavelength is chosen once. The result is (k + ``rest``) / 4 for the wavelength k and ``rest``
+    in [0, 1). ``key`` is the hash key of the choice.
     """
     n = mi.UInt32(n)
     # Each part must meet all four wavelengths. After ``around`` samples (the least common multiple of n and 4), t alone

@@ -101,11 +101,9 @@ class Window(mi.Sensor):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Returns ``(ray, weight)``: the camera ray, in world coordinates, through the position ``sample2`` in the crop
-        window, in [0, 1)², from the point ``sample3`` of the lens, in [0, 1)². The ray begins at the near clipping
-        plane, and ends at the far clipping plane.
-
-        ``weight`` is the weight of the wavelengths that ``sample1`` selects. A pinhole needs no ``sample3``.
+        """Returns ``(ray, weight)``: the ray through the position ``sample2`` in the crop window from the point
+        ``sample3`` of the lens, both in [0, 1)², between the clipping planes; and the weight of the wavelengths that
+        ``sample1`` selects.
         """
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         d, lens = self.direction(sample2), mi.Point3f(0)

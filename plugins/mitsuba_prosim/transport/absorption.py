@@ -20,11 +20,7 @@ UNBOUNDED = 1e30
 
 
 def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
-    """Tells whether ``camera_medium`` (a medium or None) or a medium of ``scene`` is homogeneous and only absorbs
-    light.
-
-    Logs a warning if some media scatter light or are not homogeneous, because the integrator ignores such media.
-    """
+    """Tells whether ``camera_medium`` or a medium of ``scene`` only absorbs light; warns of media that are ignored."""
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
     if ignored := ", ".join(repr(medium.id()) for medium in media if not only_absorbs(medium)):
         mi.Log(
@@ -36,7 +32,7 @@ def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
 
 
 def media_of(scene: mi.Scene) -> list[mi.Medium]:
-    """Returns the interior and exterior media of all shapes of ``scene``, including the shapes within instances."""
+    """Returns the media on both sides of all shapes of ``scene``, including the shapes within instances."""
     media = (medium for s in all_shapes(scene) for medium in (s.interior_medium(), s.exterior_medium()))
     return [medium for medium in media if medium is not None]
 
@@ -50,10 +46,9 @@ def only_absorbs(medium: mi.Medium) -> bool:
 def transmittance(
     medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
-    """Returns the fraction of light that ``medium`` does not absorb over the distance ``t`` in scene units.
-
-    It is 1 where there is no medium, where the medium scatters light or is not homogeneous, and in lanes that are not
-    ``active``. ``wavelengths`` are those of the ray in nm; the array is empty except in spectral variants.
+    """Returns the fraction of light that ``medium`` does not absorb over the distance ``t`` in scene units; 1 without a
+    medium that :func:`only_absorbs`, and in lanes that are not ``active``. ``wavelengths`` are in nm; empty except in
+    spectral variants.
     """
     if medium is None:
         return 1.0
@@ -69,9 +64,8 @@ def medium_beyond(
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
-    ``medium`` is the medium around the ray that arrived at ``si``, and the result if the surface has neither an
-    interior nor an exterior medium, and in lanes that are not ``active``. In vectorised variants, None means that no
-    medium of the scene absorbs light.
+    It is ``medium``, around the ray that arrived at ``si``, if the surface has no media, and in lanes that are not
+    ``active``. In vectorised variants, None means that no medium of the scene absorbs light.
     """
     if idle(active) or (medium is None and dr.is_jit_v(mi.Float)):
         return medium
@@ -82,10 +76,7 @@ def medium_before(
     si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
 ) -> mi.MediumPtr | mi.Medium | None:
     """Returns the medium around a camera ray, or around a photon from a light source, that arrives at ``si`` in the
-    direction ``d``.
-
-    In ``active`` lanes without a ``medium`` (that of the sensor), it is the medium on the side of the surface from
-    which the ray arrives.
+    direction ``d``: ``medium``, or in ``active`` lanes without one the medium on this side of the surface.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 

@@ -16,12 +16,11 @@ import drjit as dr
 
 
 def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
-    """Applies the function ``step`` to ``state`` until no lane of ``state.active`` is true, and returns the last state,
-    with derivatives.
+    """Applies ``step`` to ``state`` until no lane of ``state.active`` is true, and returns the last state, with
+    derivatives.
 
-    ``state`` is a dataclass with a mask ``active``; its fields may be arrays, and nested dataclasses and lists. The
-    state of a finished lane does not change any more. All iterations run the same compiled kernel, and a second kernel
-    computes all their derivatives.
+    ``state`` is a dataclass of arrays, nested dataclasses and lists; a finished lane keeps its state. All iterations
+    run the same compiled kernel, and a second kernel computes all their derivatives.
     """
     dr.make_opaque(state)
     while dr.any(active := state.active):
@@ -36,8 +35,8 @@ def differentiable_loop(state: Any, step: Callable[[Any], Any]) -> Any:
 
 
 def differentiable(state: Any) -> list[tuple[Any, str]]:
-    """Returns the dataclass and the name of the field for each array with derivatives in ``state``, which consists of
-    nested dataclasses and lists. An array that is directly in a list is not found.
+    """Returns the dataclass and the name of the field for each array with derivatives in ``state``, except for arrays
+    that are directly in a list.
     """
     if isinstance(state, list):
         return [place for part in state for place in differentiable(part)]

@@ -26,10 +26,9 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
     """Returns the direct light that the surface at ``vertex`` scatters back along the ray that arrived there.
 
     At a vertex of a ray tree, every lamp gets one sample and one shadow ray (thesis, section 4.1); at a vertex of a
-    path, one lamp that is chosen at random. A constant sky is no lamp: it is sampled only for the lobes
-    ``context.light_lobes``, whose rays do not find the sky. If photons that an earlier vertex gathered carry the direct
-    light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes scatter it, and all lobes of a BSDF that
-    cannot evaluate them separately.
+    path, one lamp that is chosen at random. A constant sky is sampled only for the lobes ``context.light_lobes``, whose
+    rays do not find it. If photons carry the direct light of the other lobes (:attr:`.Ray.light_found`), only diffuse
+    lobes scatter it, and all lobes of an inseparable BSDF.
     """
     lights, ray, active = context.lights, vertex.ray, vertex.smooth
     space = context.space(ray.node, NODE_SPACES)  # random numbers of the first light source; the others follow
@@ -55,9 +54,8 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
 def sample_lamp(
     context: Context, vertex: Vertex, lamp: Lamp, point: mi.Point2f, probability: mi.Float | None = None
 ) -> LightSample:
-    """Returns ``(ds, weight)``: a direction sample of ``lamp`` by the random ``point`` in [0, 1)², and the radiance of
-    ``lamp`` divided by the density of the sample, with derivatives if ``context.attached`` is true. ``probability`` is
-    that of choosing ``lamp``, and a factor of the density; None if every lamp is sampled.
+    """Returns ``(ds, weight)``: a sample of ``lamp`` by the random ``point`` in [0, 1)², with derivatives if
+    ``context.attached``. ``probability`` is that of choosing ``lamp``; None if every lamp is sampled.
     """
     ds, weight = lamp.sample(vertex.receiver, point, vertex.smooth)
     if probability is not None:
@@ -76,13 +74,11 @@ def lamp_light(
     mis_lobes: tuple[mi.BSDFContext, ...],
 ) -> Radiance:
     """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``, split into image
-    layers; 0 if a shadow ray finds the sampled point hidden.
+    layers; 0 if the sampled point is hidden.
 
-    The lobes ``mis_lobes`` get MIS weights, because rays that are sampled from these lobes, and perhaps photons, find
-    the light of the same source; the weight is 1 for a point light or a single direction. The lobes
-    ``context.light_lobes`` get none, nor does a BSDF that cannot evaluate its lobes separately. If photons carry the
-    light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute. ``points`` are the random
-    numbers of the vertex.
+    The lobes ``mis_lobes`` get MIS weights, because their rays, and perhaps photons, find the same light; the weight is
+    1 for a point light or a single direction. The lobes ``context.light_lobes`` get none, nor does an inseparable BSDF.
+    If photons carry the light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute.
     """
     (ds, weight), layers = sample, context.layers
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
@@ -120,9 +116,8 @@ def eval_lobe(
     """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which ``lobe``
     samples ``wo``; both are 0 in lanes that are not ``active``.
 
-    If ``context.samples_with_light`` is true, one call of the BSDF also samples the next ray of ``lobe``, so that
-    textures are evaluated only once. This sample is stored in ``vertex.drawn``, under the type mask of ``lobe``. A
-    :class:`.SamplerPoints` must draw its numbers in a fixed order, so it is excepted.
+    If ``context.samples_with_light``, the same call of the BSDF stores a sample of the next ray in ``vertex.drawn``, so
+    that textures are evaluated only once. A :class:`.SamplerPoints`, which draws in a fixed order, is excepted.
     """
     if not context.samples_with_light or isinstance(points, SamplerPoints):
         return context.scattering.eval_pdf(lobe, vertex, wo, active)
@@ -133,12 +128,9 @@ def eval_lobe(
 
 
 def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt32) -> LightSample:
-    """Returns ``(ds, weight)``: a direction sample of the constant sky by the random numbers of ``space``, for the
-    lobes whose direct light comes from light sampling alone: the diffuse lobes, and all lobes of a BSDF that cannot
-    evaluate them separately.
-
-    ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no such lobe. The sky below the horizon is sampled only where such
-    a lobe transmits light.
+    """Returns ``(ds, weight)``: a direction sample of the constant sky for the lobes whose direct light comes from
+    light sampling alone: the diffuse lobes, and all lobes of an inseparable BSDF; below the horizon where they transmit
+    light. ``ds.pdf`` is 0 where the BSDF at ``vertex`` has no such lobe.
     """
     assert context.lights.sky is not None
     flags, receiver = vertex.bsdf.flags(), vertex.receiver
@@ -151,11 +143,9 @@ def sample_sky(context: Context, vertex: Vertex, points: Points, space: mi.UInt3
 def visibility(
     context: Context, vertex: Vertex, p: mi.Point3f, radiance: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.Bool, mi.UnpolarizedSpectrum | float]:
-    """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex``, and the
-    transmittance in between.
-
-    If the integrator's parameter ``shadows`` is false, every point ``p`` counts as visible. Else a shadow ray is
-    traced, and only where ``radiance``, which ``vertex`` would scatter from ``p``, is not 0.
+    """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex`` (always
+    if the integrator casts no ``shadows``), and the transmittance in between. A shadow ray is traced only where
+    ``radiance``, which ``vertex`` would scatter from ``p``, is not 0.
     """
     si = vertex.si
     if context.settings.shadows:

@@ -52,14 +52,11 @@ def features(
 ) -> tuple[mi.Spectrum, mi.Normal3f, mi.Bool]:
     """Returns ``(albedo, normal, hit)`` for the camera ray ``ray``; ``hit`` tells whether the ray meets a surface.
 
-    The albedo is in [0, 1]; an albedo that is not finite is replaced by 0. The normal is the shading normal of the
-    first surface, turned towards the viewer, or 0 if there is none.
-
-    The albedo is a random sample of the albedo of the diffuse lobes, plus the albedo of the next surface that a
-    specular lobe shows, times a random sample of the reflectance or transmittance of this lobe. At most
-    :data:`MAX_LEVEL` reflections and refractions are followed. Absorption in media reduces the albedo. The albedo of
-    light sources and of the sky is their radiance, clipped to 1. If ``hide_emitters`` is true, the camera ray passes
-    through light sources, and does not see the sky. ``camera_medium`` is the medium around the camera, or None.
+    The normal is the shading normal of the first surface, turned towards the viewer, or 0 if there is none. The albedo,
+    in [0, 1], is a random sample of that of the diffuse lobes, plus the albedo of the next surface that a specular lobe
+    shows, times a random sample of what this lobe and media on the way keep. The albedo of light sources and of the sky
+    is their radiance, clipped to 1; ``hide_emitters`` hides both from the camera. ``camera_medium`` is the medium
+    around the camera, or None.
     """
     scattering = Scattering(scene, separate=False)
     diffuse, specular = lobes.only(lobes.DIFFUSE), lobes.only(lobes.SPECULAR)
@@ -103,10 +100,9 @@ def features(
 def sample_albedo(
     si: mi.SurfaceInteraction3f, lobe: mi.BSDFContext, sampler: mi.Sampler, active: mi.Bool, scattering: Scattering
 ) -> tuple[Any, mi.Vector3f, mi.Bool]:
-    """Returns ``(weight, direction, is_null)`` of one sample of ``lobe`` at ``si``, the direction in world coordinates.
-    ``is_null`` tells whether it passes straight through.
+    """Returns ``(weight, direction, is_null)`` of one sample of ``lobe`` at ``si``, the direction in world coordinates;
+    the weight is 0 if the BSDF sampled another lobe. ``is_null`` tells whether it passes straight through.
 
-    The weight is 0 if the BSDF sampled another lobe than requested, because that lobe is sampled by another call.
     Dispersive glass refracts all wavelengths in the same direction: random wavelengths would make the mean albedo
     wrong, because each sample is clipped.
     """

@@ -40,11 +40,8 @@ def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDF
 
 
 def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
-    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``; an
-    empty tuple if ``flags`` contain no glossy lobe.
-
-    If ``tree`` is true, reflection and transmission are two lobes, because a ray tree samples a ray for each. If
-    ``tree`` is false, reflection and transmission are one lobe, because a path samples a single ray.
+    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``: two,
+    for reflection and transmission, in a ray ``tree``, which samples a ray of each; one on a path.
     """
     if not tree:
         return (only(SPECULAR),) if has_any(flags, *GLOSSY) else ()

@@ -23,10 +23,9 @@ def next_ray(
 ) -> tuple[Ray, mi.Bool, mi.Float]:
     """Samples the ray that leaves ``vertex`` through ``lobe``, and returns ``(ray, active, eta)``.
 
-    The returned ``active`` is true where the argument is, the sample belongs to ``lobe``, and the throughput is above
-    the integrator's parameter ``cutoff`` in at least one channel. ``eta`` is the relative index of refraction of the
-    surface in the direction of the ray, or 1 for a reflection. In scalar variants, the arriving ray is returned if
-    ``active`` is false.
+    The returned ``active`` is false, too, where the sample belongs to another lobe, or the throughput is at most the
+    integrator's ``cutoff`` in all channels. ``eta`` is the relative index of refraction in the direction of the ray, 1
+    for a reflection. In scalar variants, the arriving ray is returned if ``active`` is false.
     """
     ray, si, space = vertex.ray, vertex.si, direction_space(lobe)
     if idle(active):
@@ -59,13 +58,12 @@ def next_ray(
 def sample_direction(
     context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Vector3f, mi.Bool]:
-    """Samples ``lobe`` at ``vertex``, and returns ``(bs, weight, d, belongs)``: the sample that light sampling has
-    already drawn (``vertex.drawn``), if there is one, or a new one, its direction in world coordinates, and whether it
-    is a sample of ``lobe``.
+    """Returns ``(bs, weight, d, belongs)``: the sample of ``lobe`` that light sampling has already drawn
+    (``vertex.drawn``), or a new one, its direction in world coordinates, and whether it is a sample of ``lobe``.
 
-    If derivatives are wanted, the direction of a smooth lobe follows the motion of the light source that the ray meets;
-    it is constant if the ray meets none. The derivatives of the density and the weight include this motion. The
-    direction of an ideal lobe has the derivatives that the BSDF computes.
+    If derivatives are wanted, the direction of a smooth lobe follows the light source that the ray meets, and the
+    derivatives of the density and the weight include this motion. The direction of an ideal lobe has the derivatives
+    that the BSDF computes.
     """
     si, scattering, throughput = vertex.si, context.scattering, vertex.ray.throughput
     if lobe.type_mask in vertex.drawn:
@@ -92,10 +90,8 @@ def sample_direction(
 
 
 def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) -> tuple[Ray, mi.Bool]:
-    """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990).
-
-    The ray survives with the probability ``survival``: if ``sample`` in [0, 1) is less. Its throughput is divided by
-    the probability; that of any other ray becomes 0.
+    """Returns ``(ray, active)`` after Russian roulette (Arvo and Kirk 1990): a ray survives with the probability
+    ``survival``, by which its throughput is divided; ``sample`` is in [0, 1).
     """
     survival = dr.detach(survival)
     survives = sample < survival
@@ -104,9 +100,8 @@ def roulette(ray: Ray, active: mi.Bool, survival: mi.Float, sample: mi.Float) ->
 
 
 def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: Points, active: mi.Bool) -> LobePoint:
-    """Returns ``(choice, point)``: the random number in [0, 1) that chooses one of the lobes in ``lobe``, and a
-    wavelength at dispersive glass; and the random point in [0, 1)² that samples the direction of the ray from
-    ``vertex``.
+    """Returns the random numbers that choose one of the lobes in ``lobe``, or a wavelength at dispersive glass, and
+    sample the direction of the ray from ``vertex``.
     """
     space = context.space(vertex.ray.node, CHOICE)
     # A stratified choice reduces the variance only with dispersion, or where all lobes are sampled together.

@@ -24,7 +24,7 @@ class Counters:
     #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
     #: makes Dr.Jit trace the loop twice.
     bounces: mi.UInt32 | None
-    #: Product of the ratios of the indices of refraction at the surfaces that the path crossed so far.
+    #: Product of the relative indices of refraction at the surfaces that the path crossed so far.
     eta: mi.Float
 
 
@@ -36,13 +36,12 @@ def start(context: Context, ray: Ray) -> Counters:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, counters: Counters
 ) -> tuple[Ray, mi.Bool, Counters]:
-    """Samples the ray that continues the path after ``vertex``, and returns ``(ray, active, counters)``, where
-    ``counters`` include this ray.
+    """Samples the ray that continues the path after ``vertex``; returns ``(ray, active, counters)``.
 
-    If the number of diffuse reflections is unlimited (``counters.bounces`` is None), the ray is sampled from all lobes
-    together; else it leaves through a specular or a diffuse lobe. Russian roulette begins at level ``rr_depth``: the
-    probability of survival is the greatest component of the throughput, times eta², but at most 0.95. The argument
-    ``active`` is unused; :func:`.tree.proceed` has the same signature.
+    If the number of diffuse reflections is unlimited, the ray is sampled from all lobes together; else it leaves
+    through a specular or a diffuse lobe. Russian roulette begins at level ``rr_depth``: the probability of survival is
+    the greatest component of the throughput, times eta², but at most 0.95. ``active`` is unused (:func:`.tree.proceed`
+    needs it).
     """
     bounces, node = counters.bounces, vertex.ray.node
     if bounces is None:
@@ -64,10 +63,8 @@ def specular_or_diffuse(
     """Returns ``(ray, active, eta, bounces)`` for one ray that leaves ``vertex`` through a specular or a diffuse lobe.
 
     The function samples one ray of each, and chooses in proportion to the greatest component of its throughput, which
-    is then divided by the probability of the choice. ``active`` tells in which lanes the chosen ray exists. After
-    ``diffuse_bounces`` diffuse reflections, all further rays of a path are specular; ``bounces`` is the number of
-    diffuse reflections, the returned number includes the chosen ray. ``eta`` is the relative index of refraction of the
-    surface in the direction of the ray, or 1 for a reflection and a diffuse lobe.
+    is then divided by the probability of the choice. After ``diffuse_bounces`` diffuse reflections, counted by
+    ``bounces``, all rays are specular. ``eta`` is that of :func:`.next_ray`.
     """
     specular, reflects, eta = next_ray(context, lobes.only(lobes.SPECULAR), vertex, points, vertex.active)
     may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)

@@ -1,14 +1,8 @@
 """Image layers: additional images, each with a part of the light of the rendered image, which is their sum.
 
-``layers=lights`` writes one layer for each light source, one for the background, and one for the ambient term.
-``layers=levels`` writes one for each level of the ray tree or path: level 0 has the light that the first visible
-surface emits, and the ambient light, direct light and caustics that it scatters. ``layers=terms`` writes one for each
-term of the thesis's equation for reflected light (section 4.1) at the first visible surface, such as diffuse, glossy
-and refracted light.
-
-Light sampling at a vertex, and rays from its glossy lobes, find the light of the same sources; MIS combines the two
-estimates. Therefore, if a ray from a glossy lobe meets a light source, this light belongs to the layer of the vertex
-where the ray begins.
+The page of the integrator explains the parameter ``layers``. Light sampling at a vertex, and rays from its glossy
+lobes, find the light of the same sources, and MIS combines the two estimates. So the light of a source that a ray from
+a glossy lobe meets belongs to the layer of the vertex where the ray begins.
 """
 
 from __future__ import annotations
@@ -48,19 +42,19 @@ class Radiance:
         return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
 
     def scaled(self, factor: mi.Spectrum) -> Radiance:
-        """Returns the total radiance and the radiance in each layer, both multiplied by ``factor``."""
+        """Returns this radiance times ``factor``."""
         return Radiance(factor * self.total, [factor * L for L in self.layers])
 
     def plus(self, value: mi.Spectrum, layer: Layer, total: mi.Spectrum | None = None) -> Radiance:
-        """Returns this radiance after adding ``value`` to the layer number ``layer``, if the image has layers. The
-        total radiance becomes ``total``, or grows by ``value`` if this is None.
+        """Returns this radiance with ``value`` added to the layer number ``layer``, and to the total unless the new
+        ``total`` is given.
         """
         layers = [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)]
         return Radiance(self.total + value if total is None else total, layers)
 
 
 class Layers:
-    """Assigns light to image layers. The base class is for an image without layers, and assigns light to no layer."""
+    """Assigns light to image layers; the base class is for an image without layers."""
 
     #: Whether diffuse and glossy light belong to different layers.
     splits_lobes = False
@@ -73,22 +67,20 @@ class Layers:
         return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.names])
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the number of the image layer to which the part ``term`` of the light at the end of ``ray`` belongs:
-        "emitted", "background", "ambient", "diffuse", "glossy" or "caustics". ``source`` is the number of the light
-        source.
+        """Returns the number of the layer for the light ``term`` at the end of ``ray`` ("emitted", "background",
+        "ambient", "diffuse", "glossy" or "caustics") from the light source number ``source``.
         """
         return 0
 
     def branch(self, ray: Ray, diffuse: bool, through: mi.Bool) -> mi.UInt32:
-        """Returns the attribute :attr:`.Ray.branch` of the next ray, which leaves the end of ``ray`` through a diffuse
-        or a specular lobe; ``through`` tells whether it passes through the surface. The result is 0 if the layers do
-        not depend on this lobe.
+        """Returns the attribute :attr:`.Ray.branch` of the ray that leaves the end of ``ray`` through a diffuse or a
+        specular lobe, perhaps ``through`` the surface.
         """
         return mi.UInt32(0)
 
 
 class ByLight(Layers):
-    """Layers by light source: one for each light source, one for the background, and one for the ambient term."""
+    """Layers by light source, with one for the background and one for the ambient term."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:  # noqa: D102
         return self.names.index(term) if term in ("background", "ambient") else source
@@ -98,8 +90,7 @@ class ByLevel(Layers):
     """Layers by level: one for each number of reflections and refractions on the way from the camera."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the level of ``ray``, or one level less for the emission that a ray from a surface meets."""
-        # Emission that a ray from a surface meets is direct light of this surface.
+        """Returns the level; emission that a ray from a surface meets is direct light of this surface."""
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 
@@ -113,8 +104,8 @@ class ByTerm(Layers):
         return mi.UInt32(self.names.index(term))
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the number of the layer ``term`` for a camera ray, else ``ray.branch``. Emission that a ray from a
-        glossy lobe of the first vertex meets belongs to the layer "glossy".
+        """Returns the layer ``term`` for a camera ray, else ``ray.branch``; "glossy" for emission that a ray from a
+        glossy lobe of the first vertex meets.
         """
         beyond = ray.branch
         if term == "emitted":
@@ -131,9 +122,8 @@ class ByTerm(Layers):
 
 
 def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None:
-    """Returns advice for the user (the argument ``allowed`` of :func:`.parameters.reject`) if the value ``kind`` of the
-    parameter ``layers`` conflicts with another parameter, else None. ``caustics`` tells whether the render uses
-    photons.
+    """Returns the argument ``allowed`` of :func:`.parameters.reject` if the value ``kind`` of the parameter ``layers``
+    conflicts with another parameter, else None.
     """
     if kind == "lights" and caustics:
         return "another value with caustics, as photons do not know their source"
@@ -145,8 +135,8 @@ def layers_conflict(kind: str, settings: Settings, caustics: bool) -> str | None
 
 
 def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> Layers:
-    """Returns the :class:`Layers` for ``kind``, the value of the integrator's parameter ``layers``. ``caustics`` tells
-    whether the render uses photons. Raises ValueError for more than 32 light sources.
+    """Returns the :class:`Layers` for the value ``kind`` of the parameter ``layers``. Raises ValueError for more than
+    :data:`MAX_LAYERS`.
     """
     constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     if kind == "levels":
@@ -165,11 +155,9 @@ def layers_of(kind: str, settings: Settings, lights: Lights, caustics: bool) -> 
 
 
 def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Returns a unique name for the image layer of each of the ``emitters``: the id of its shape, or of the emitter.
-
-    Characters other than letters, digits and "_" become "_", and "_" at the beginning is removed. If nothing remains,
-    the name has the emitter's number, such as ``lamp1``. A name that already exists gets "_" at the end; "background"
-    and "ambient" always exist.
+    """Returns a unique name for the layer of each of the ``emitters``: the id of its shape, or of the emitter, with "_"
+    for characters other than letters and digits, but not at the beginning; or a name such as ``lamp1``. A name that
+    exists, such as "background" and "ambient", gets "_" at the end.
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):

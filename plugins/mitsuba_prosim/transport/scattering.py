@@ -24,11 +24,7 @@ def disperses(scene: mi.Scene) -> bool:
 
 
 class Scattering:
-    """Samples and evaluates lobes of the BSDFs of ``scene``.
-
-    ``separate`` tells whether the integrator evaluates the lobes of a BSDF separately. If ``separate`` is false, BSDFs
-    that can only evaluate all their lobes together need no workaround.
-    """
+    """Samples and evaluates lobes of the BSDFs of ``scene``; separately or, without ``separate``, all together."""
 
     def __init__(self, scene: mi.Scene, separate: bool = True) -> None:
         bsdfs = all_bsdfs(scene)
@@ -42,9 +38,7 @@ class Scattering:
         self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
-        """Returns the active lanes whose BSDF can only evaluate all its lobes together; no lanes if the integrator does
-        not evaluate lobes separately.
-        """
+        """Returns the active lanes whose BSDF is :func:`.is_inseparable`; none without ``separate``."""
         if not self.any_inseparable:
             return mi.Bool(False)
         return active & dispatch(bsdf, lambda one, active: mi.Bool(workarounds.is_inseparable(one)), active)
@@ -55,10 +49,9 @@ class Scattering:
         """Returns ``(bs, weight, belongs)``: a BSDF sample at the surface point ``at`` by the random numbers ``u``, and
         whether the sample belongs to ``lobe``.
 
-        ``throughput`` is the throughput of the arriving ray, or the flux of the arriving photon. Dispersive, ideally
-        smooth glass refracts only one of its wavelengths, chosen in proportion to the ``throughput``; all wavelengths
-        in the same direction if it is None. Where ``at.inseparable`` is true, the BSDF samples all lobes together, and
-        :func:`.belongs_to` decides; elsewhere the type mask of ``lobe`` does.
+        ``throughput`` is that of the arriving ray, or the flux of the arriving photon. Dispersive, ideally smooth glass
+        refracts one wavelength, chosen in proportion to it; all in the same direction if it is None. Where
+        ``at.inseparable``, the BSDF samples all lobes together.
         """
         weights = None
         if self.disperses and throughput is not None:
@@ -87,10 +80,7 @@ class Scattering:
         self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float]:
         """Returns the BSDF value of ``lobe`` times the cosine for the direction ``wo``, and the density with which
-        :meth:`sample` samples ``wo``.
-
-        In the lanes where ``at.inseparable`` is true, the value and the density are those of all lobes of the BSDF
-        together.
+        :meth:`sample` samples ``wo``; those of all lobes where ``at.inseparable``.
         """
         if self.needs_workarounds:
             return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
@@ -103,10 +93,8 @@ class Scattering:
         return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:
-        """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength: ``choice``, which comes
-        from the number ``space`` of the sampling pattern.
-
-        In spectral variants with dispersive BSDFs, it is modified so that the samples of a pixel together cover the
+        """Returns the random number in [0, 1) by which a BSDF chooses a lobe or a wavelength: ``choice``, which is that
+        of ``space``; with dispersion in spectral variants, modified so that the samples of a pixel together cover the
         spectrum evenly, except for a Mitsuba sampler.
         """
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):

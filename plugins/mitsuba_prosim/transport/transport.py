@@ -50,11 +50,7 @@ class Transport(Context):
 
     @property
     def rays_per_sample(self) -> int:
-        """About how many rays a sample traces.
-
-        A ray tree is assumed to have one camera ray and one shadow ray to each lamp, and twice as many rays if
-        reflected or refracted rays are followed.
-        """
+        """About how many rays a sample traces, if a ray tree has one reflected or refracted ray."""
         if not self.settings.follows_tree:
             return RAYS_PER_PATH
         follows = self.settings.max_level > 0 and (self.reflects or self.refracts)
@@ -64,11 +60,10 @@ class Transport(Context):
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float, list[mi.Spectrum]]:
         """Returns ``(L, alpha, layers)`` for the camera ray ``ray``: the radiance, the opacity, and the radiance of
-        each image layer (:mod:`.radiance`), an empty list for an image without layers.
+        each image layer (:mod:`.radiance`). ``points`` are the random numbers of the sample.
 
         The opacity is 1, less the throughput with which the ray leaves the scene, straight through holes of surfaces,
-        where it sees neither the sky nor the background. ``points`` are the random numbers of the sample. The light is
-        summed over the rays of a ray tree, or of a path if ``settings.follows_tree`` is false.
+        where it sees neither the sky nor the background.
         """
         # The module whose functions ``start`` and ``proceed`` choose the rays to follow.
         walk: Any = tree if self.settings.follows_tree else path
@@ -109,11 +104,8 @@ class InnerIntegrator:
         self.aov_names = list(integrator.aov_names())
 
     def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Float, list[mi.Float]]:
-        """Returns ``(L, alpha, aovs)`` for the camera ray ``ray``: the radiance, 1 where the integrator counts the ray
-        as a hit and else 0, and the values of the integrator's AOVs.
-
-        The integrator draws its random numbers from the sampling pattern ``points``, but not from the spaces that the
-        camera uses; or from the Mitsuba sampler of a :class:`.SamplerPoints`.
+        """Returns ``(L, alpha, aovs)`` for the camera ray ``ray``; ``alpha`` is 1 where the integrator reports a hit,
+        else 0. Its random numbers are those of ``points``.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         ray = mi.RayDifferential3f(ray)

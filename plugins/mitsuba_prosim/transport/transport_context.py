@@ -30,10 +30,8 @@ UNLIMITED_BOUNCES = (1 << 31) - 1
 class Context:
     """The data that all ray trees or paths of one render share: the ``settings`` and properties of ``scene``.
 
-    ``attached`` tells whether derivatives are wanted. Then the direction of a ray from a smooth lobe is constant, or
-    moves with the light source that the ray meets (:mod:`..light.reparameterisation`), and its weight is evaluated a
-    second time. ``camera_medium`` is the medium around the camera, or None. ``caustics``
-    (``photons.caustics.Caustics``) holds the photons that find light behind specular surfaces; None without photons.
+    ``attached`` tells whether derivatives are wanted. ``camera_medium`` is the medium around the camera, or None.
+    ``caustics`` (``photons.caustics.Caustics``) holds the photons; None without photons.
     """
 
     def __init__(
@@ -92,8 +90,8 @@ class Context:
         )
 
     def observe(self, event: str, ray: Ray, **values: Any) -> None:
-        """Passes the ``values`` of the computation ``event`` at the end of ``ray`` to the :attr:`observer`, if there is
-        one. Within a loop, these are variables of the kernel.
+        """Passes the ``values`` of the computation ``event`` at the end of ``ray`` to the :attr:`observer`. Within a
+        loop, they are variables of the kernel.
         """
         if self.observer is not None:
             self.observer(event, ray, **values)
@@ -116,9 +114,7 @@ class Context:
 
 
 def direction_space(lobe: mi.BSDFContext) -> int:
-    """Returns the space of the sampling pattern that samples the direction of a node's ray through ``lobe``: DIFFUSE if
-    ``lobe`` contains a diffuse lobe, else REFLECTED if it contains a reflected lobe, else REFRACTED.
-    """
+    """Returns the space that samples the direction of a node's ray through ``lobe``."""
     if lobe.type_mask & lobes.mask(*lobes.DIFFUSE):
         return DIFFUSE
     return REFLECTED if lobe.type_mask & lobes.mask(*lobes.REFLECTED) else REFRACTED

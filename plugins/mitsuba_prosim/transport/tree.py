@@ -21,10 +21,9 @@ from .transport_context import Context
 
 @dataclass
 class Stack:
-    """A stack of refracted rays that have not been followed yet: at most one for each level of the ray tree.
+    """The refracted rays that are not followed yet, ``count`` of them: at most one for each level of the ray tree.
 
-    The rays of the stack are separate variables in registers: a local array of Dr.Jit would be slower, and is not
-    reliable in Dr.Jit 1.5. ``count`` is the number of rays on the stack.
+    The rays are separate variables in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5.
     """
 
     rays: list[Ray]
@@ -35,7 +34,6 @@ class Stack:
     ) -> tuple[Ray, mi.Bool, Stack]:
         """Returns ``(ray, active, stack)``: the next ray to follow, the lanes that have one, and the new stack.
 
-        The masks ``reflects`` and ``refracts`` tell in which lanes the rays ``reflected`` and ``refracted`` exist;
         ``active`` tells which lanes had not finished their ray tree. If both rays exist, the reflected ray is next, and
         the refracted ray is pushed onto the stack. If neither exists, the last ray of the stack is next.
         """
@@ -59,14 +57,11 @@ def start(context: Context, ray: Ray) -> Stack:
 def proceed(
     context: Context, vertex: Vertex, points: Points, active: mi.Bool, stack: Stack
 ) -> tuple[Ray, mi.Bool, Stack]:
-    """Samples the reflected and the refracted ray at ``vertex``, and returns ``(ray, active, stack)``: the next ray to
-    follow, and the lanes that have one. The argument ``active`` tells which lanes had not finished their ray tree.
-    """
+    """Samples the reflected and the refracted ray at ``vertex``, and returns the result of :meth:`Stack.next`."""
 
     def branch(follows: bool, names: Sequence[str]) -> tuple[Ray, mi.Bool]:
         """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it exists and
-        survives Russian roulette, which begins at a throughput below ``rr_throughput``. Without ``follows`` there is no
-        ray.
+        survives Russian roulette, which begins at a throughput below ``rr_throughput``.
         """
         if not follows:
             return vertex.ray, mi.Bool(False)

@@ -25,10 +25,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     """Returns ``(L, vertex)``: the radiance that the end point of ``ray`` adds to the camera ray, and its
     :class:`.Vertex`.
 
-    ``L`` is the sum of emission, background, ambient light, direct light and caustics, times the throughput of ``ray``;
-    only emission beyond the maximum level. There, and where ``ray`` meets no surface, the vertex is not active.
-    ``camera`` is the camera ray, whose time and wavelengths all rays share. If ``hide_emitters`` is true, it passes
-    through light sources.
+    Beyond the maximum level, only emission counts. There, and where ``ray`` meets no surface, the vertex is not active.
+    ``camera`` is the camera ray, whose time and wavelengths all rays share.
     """
     settings, lights = context.settings, context.lights
     ray3, si = intersect(context, ray, camera, active)
@@ -66,11 +64,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 
 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
-    """Returns the :class:`.Vertex` at the surface interaction ``si``, where ``ray`` ends.
-
-    ``active`` tells in which lanes the ray met a surface. If light sampling chooses one of the lamps, the function also
-    computes the sum of the importances of all lamps at the vertex (:meth:`.LightSampler.total`).
-    """
+    """Returns the :class:`.Vertex` at ``si``, where ``ray`` ends; ``active`` tells in which lanes it met a surface."""
     bsdf = si.bsdf()
     flags = bsdf.flags()
     smooth = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
@@ -85,11 +79,8 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
 def intersect(
     context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
-    """Converts ``ray`` to a ``mi.Ray3f``, intersects the scene, and returns the converted ray and the surface
+    """Returns ``ray`` as a ``mi.Ray3f`` with the time and the wavelengths of ``camera``, and its surface
     interaction.
-
-    The converted ray gets the time and the wavelengths of the camera ray ``camera``. At level 0, the converted ray ends
-    at the far clipping plane of the camera.
     """
     ray3 = mi.Ray3f(ray.o, ray.d, camera.time, camera.wavelengths)
     ray3.maxt = dr.select(ray.level == 0, camera.maxt, ray3.maxt)  # up to the camera's far_clip
@@ -98,11 +89,8 @@ def intersect(
 
 
 def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """Returns ``ray`` with its throughput reduced by the absorption in the medium between the ray's origin and ``si``
-    (Beer's law). ``ray3`` is ``ray`` as a ``mi.Ray3f``.
-
-    Where the ray meets no surface, the distance counts as :data:`.UNBOUNDED`. If the medium around a camera ray is not
-    known, the returned ray gets the medium on this side of the surface at ``si``.
+    """Returns ``ray``, which is also ``ray3``, after the absorption in the medium before ``si``, over the distance
+    :data:`.UNBOUNDED` where it meets no surface. A camera ray gets its medium (:func:`.medium_before`).
     """
     met = active & si.is_valid()
     medium = medium_before(si, ray.medium, ray.d, met & (ray.level == 0))
@@ -112,13 +100,11 @@ def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active:
 
 
 def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
-    """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, and the
-    number of its image layer.
+    """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, times its MIS
+    weight against light sampling at the ray's origin and photons; and the number of its image layer.
 
-    It is multiplied by the MIS weight of the ray against light sampling at the ray's origin and, if glossy surfaces
-    gather photons, against photons. The weight is 1 for camera rays and for light that no other strategy finds, such as
-    light that a glossy lobe receives from a constant sky. The radiance is 0 where light sampling or photons have
-    already found the light (:attr:`.Ray.light_found`), and where ``hide_emitters`` hides the source from the camera.
+    The weight is 1 for light that no other strategy finds, such as light that a glossy lobe receives from a constant
+    sky. The radiance is 0 where the light is already found (:attr:`.Ray.light_found`), or hidden from the camera.
     """
     lights = context.lights
     emitter = si.emitter(context.scene)
@@ -150,12 +136,11 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
 def background_radiance(
     background: mi.Texture, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum:
-    """Returns the radiance of the texture ``background`` in the direction of ``ray``, which meets no surface; ``si`` is
-    its invalid surface interaction.
+    """Returns the radiance of the texture ``background`` in the direction of ``ray``, whose surface interaction ``si``
+    is invalid.
 
-    The texture is looked up by latitude and longitude as in Mitsuba's ``envmap``: the y axis points up, the texture
-    coordinate u is 0 in the direction -z, and 0.5 in the direction +z; v is 0 in the direction +y, and 1 in the
-    direction -y.
+    The texture is looked up by latitude and longitude as in Mitsuba's ``envmap``: u is 0 in the direction -z and 0.5 in
+    the direction +z; v is 0 in the direction +y and 1 in the direction -y.
     """
     si = mi.SurfaceInteraction3f(si)  # the caller still needs its own uv
     u = dr.atan2(ray.d.x, -ray.d.z) * dr.inv_two_pi

@@ -1,35 +1,27 @@
 """Workarounds for errors of Mitsuba 3.9, mostly of BSDFs that ignore the type mask of the ``BSDFContext``.
 
 ``mask``
-    samples only its null lobe if the type mask lacks the null lobe. Therefore, for BSDFs with a ``mask``,
-    :func:`sample` requests the null lobe in addition to other lobes. Delete the workaround for ``mask`` when Mitsuba's
-    ``mask.sample`` follows the type mask.
+    samples only its null lobe if the type mask lacks the null lobe. So :func:`sample` requests the null lobe, too.
 ``blendbsdf``
-    adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light.
-    Therefore, if a ``blendbsdf`` mixes ideal with smooth lobes, :func:`sample` chooses one of the blended BSDFs itself
-    (:func:`_sample_mixture`). A ``bumpmap`` or ``normalmap`` around such a ``blendbsdf`` chooses by the same random
-    number, but :func:`_sample_map` only lets it sample the kind of lobes, ideal or smooth, that the chosen BSDF has. If
-    a BSDF in the ``blendbsdf`` within the map has no separable lobes, ``blendbsdf`` still adds the density and the
-    value of this BSDF to a sample of an ideal lobe, and :func:`_sample_map` subtracts both. One case remains wrong: the
-    null lobe of a ``mask`` that is blended, within a map, with a BSDF which transmits light and has no separable lobes.
-    ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending weight, so :func:`sample` adds
-    this derivative. Delete the workarounds for ``blendbsdf`` when Mitsuba's ``blendbsdf`` separates the probabilities
-    of ideal lobes from the densities of smooth lobes.
+    adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light. So
+    :func:`sample` chooses one of the blended BSDFs itself (:func:`_sample_mixture`). A ``bumpmap`` or ``normalmap``
+    around a ``blendbsdf`` chooses by the same random number, but :func:`_sample_map` only lets it sample the kind of
+    lobes, ideal or smooth, that the chosen BSDF has. If a BSDF within the map is inseparable, ``blendbsdf`` still adds
+    its density and value to a sample of an ideal lobe, and :func:`_sample_map` subtracts both. One case remains wrong:
+    the null lobe of a ``mask`` that is blended, within a map, with an inseparable BSDF which transmits light.
+    ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending weight; :func:`sample` adds it.
 ``principled``, ``principledthin``, ``hair``
-    evaluate and sample all lobes together, whatever the type mask is. Therefore light sampling evaluates all lobes of a
-    BSDF such as ``principled`` together, and :func:`belongs_to` assigns each sample of the BSDF to one lobe. If a
-    :class:`.Scattering` is made with ``separate=False``, its method ``sample`` rejects samples of lobes that were not
-    requested. Delete :func:`belongs_to` when ``principled``, ``principledthin`` and ``hair`` follow the type mask.
+    evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
+    and :func:`belongs_to` assigns each sample to one lobe.
 ``Scene.ray_intersect(skip_area_emitters)``
-    measures distances from the last skipped emitter, and ignores ``maxt``. Delete :func:`past_emitters` when
-    ``skip_area_emitters`` measures distances from the origin of the ray and obeys ``maxt``.
+    measures distances from the last skipped emitter, and ignores ``maxt``: see :func:`past_emitters`.
 ``Scene.ray_intersect(coherent=True)``
-    is fast. With ``coherent=True``, the choice between two triangles at a common edge depends on the other rays that
-    are traced at the same time, so the image would depend on the crop window. Delete :func:`first_hit` when Embree's
-    choice between two triangles at an edge depends on the ray alone.
+    is fast, but its choice between two triangles at a common edge depends on the other rays that are traced at the same
+    time, so the image would depend on the crop window: see :func:`first_hit`.
 ``area`` with a texture
-    loses light in Mitsuba's own integrators (:mod:`..light.emitter_methods`). Delete :func:`warn_of_lost_light` when
-    ``area`` samples all points that a texture or a ``mesh_attribute`` lights.
+    loses light in Mitsuba's own integrators (:mod:`..light.emitter_methods`): see :func:`warn_of_lost_light`.
+
+A workaround is needless as soon as the oldest allowed Mitsuba behaves otherwise.
 """
 
 from __future__ import annotations
@@ -79,9 +71,8 @@ def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 def sample(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)``: a sample of ``lobe`` of ``bsdf`` by the random numbers ``u``, in the form of
-    ``mi.BSDF.sample``, with the workarounds for ``mask`` and ``blendbsdf``. ``bs.pdf`` is 0 if the BSDF sampled a lobe
-    that was not requested.
+    """Returns ``(bs, weight)`` as ``mi.BSDF.sample``, with the workarounds for ``mask`` and ``blendbsdf``. ``bs.pdf``
+    is 0 if the BSDF sampled a lobe that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
     if _mixes_ideal_and_smooth(lobe, bsdf):
@@ -95,8 +86,8 @@ def sample(
 def _sample_mixture(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """The same as :func:`sample`, for a mixture of BSDFs that has ideal and smooth lobes: samples one of the
-    :func:`.leaves`. A sample of a smooth lobe has the density and the value of all leaves together.
+    """Samples one of the :func:`.leaves` of a mixture that has ideal and smooth lobes. A sample of a smooth lobe has
+    the density and the value of all leaves together.
     """
     (choice, point), share = u, mi.Float(1)
     bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
@@ -123,7 +114,7 @@ def _sample_mixture(
 def _sample_map(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """The same as :func:`sample`, for a ``bumpmap`` or ``normalmap`` around a mixture that has ideal and smooth lobes.
+    """Samples a ``bumpmap`` or ``normalmap`` around a mixture that has ideal and smooth lobes.
 
     The random number that chooses a BSDF of the mixture tells which kind of lobes is sampled. If this BSDF has both
     kinds, the lower half of its interval of random numbers stands for the ideal lobes.
@@ -161,8 +152,8 @@ def _sample_map(
 def _chosen_leaves(
     bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool
 ) -> Iterator[tuple[Leaf, mi.Bool, mi.Float]]:
-    """Yields ``(leaf, chosen, rest)`` for each of the :func:`.leaves` of ``bsdf``: the lanes in which the random number
-    ``choice`` in [0, 1) chooses the leaf, and there a random number in [0, 1) that is independent of this choice.
+    """Yields ``(leaf, chosen, rest)`` for each of the :func:`.leaves` of ``bsdf``: the lanes in which ``choice`` in
+    [0, 1) chooses the leaf, and there a random number in [0, 1) that is independent of this choice.
     """
     begin = mi.Float(0)
     for leaf in leaves(bsdf, si, active):
@@ -173,7 +164,7 @@ def _chosen_leaves(
 
 
 def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
-    """Returns the BSDF context ``lobe``, with null lobes added if ``bsdf`` is or contains a ``mask``."""
+    """Returns ``lobe``, with null lobes added if ``bsdf`` is or contains a ``mask``."""
     null = lobes.mask("Null") if any(_within(bsdf, MASK)) else 0
     return mi.BSDFContext(lobe.mode, lobe.type_mask | null, lobe.component)
 
@@ -187,7 +178,7 @@ def eval_pdf(
 
 
 def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
-    """Returns the BSDF context ``lobe``, or that of all lobes if ``bsdf`` can only evaluate all its lobes together."""
+    """Returns ``lobe``, or all lobes if ``bsdf`` can only evaluate all its lobes together."""
     return mi.BSDFContext(lobe.mode) if is_inseparable(bsdf) else lobe
 
 
@@ -205,8 +196,8 @@ def is_inseparable(bsdf: mi.BSDF) -> bool:
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Tells whether ``bs``, a sample of a BSDF without separable lobes, belongs to ``lobe``: to the diffuse, the
-    refracted (specular, and through the surface) or the reflected lobe.
+    """Tells whether ``bs``, a sample of an inseparable BSDF, belongs to ``lobe``: to the diffuse, the refracted
+    (specular, and through the surface) or the reflected lobe.
     """
     specular = lobes.has_any(bs.sampled_type, *lobes.SPECULAR)
     diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
@@ -216,11 +207,10 @@ def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi
 
 
 def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
-    """Returns the first intersection of ``ray`` with ``scene``, independent of other rays that are traced at the same
-    time.
+    """Returns the first intersection of ``ray``, independent of other rays that are traced at the same time.
 
-    ``coherent`` tells which rays are similar to those in the neighbouring lanes; they are traced faster. If such a ray
-    hits a triangle near an edge, it is traced again as a ray that is not coherent.
+    ``coherent`` tells which rays are similar to those in the neighbouring lanes; they are traced faster, and again if
+    they hit a triangle near an edge.
     """
     hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
     u, v = hit.prim_uv
@@ -237,11 +227,9 @@ def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool
 def past_emitters(
     scene: mi.Scene, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool, attached: bool
 ) -> mi.SurfaceInteraction3f:
-    """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source.
-
-    ``si`` is the first surface interaction of the ray, which is the result where it is not on a light source, and in
-    lanes that are not ``active``. The result is invalid if the ray meets only light sources. Its distance ``t`` begins
-    at the last light source that the ray passed. ``attached`` tells whether derivatives are wanted.
+    """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source; ``si``, the first
+    one, in lanes that are not ``active``. Its distance ``t`` begins at the last light source that the ray passed.
+    ``attached`` tells whether derivatives are wanted.
     """
 
     def on_emitter(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
@@ -249,7 +237,6 @@ def past_emitters(
         return met if idle(met) else met & si.shape.is_emitter()
 
     def beyond(o: mi.Point3f) -> mi.Ray3f:
-        """Returns the part of the camera ray from the point ``o`` on."""
         rest = mi.Ray3f(ray)
         rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
         return rest

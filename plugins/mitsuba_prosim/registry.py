@@ -8,11 +8,11 @@ call, only once.
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -71,8 +71,8 @@ def modules() -> Iterator[str]:
     """Yields the full names of the modules that are executed again for every variant; base classes come first."""
     yield from (f"{__package__}.{module}" for module in BASES)
     for folder in FOLDERS:
-        path = Path(__file__).with_name(folder)
-        yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([str(path)]))
+        path = os.path.join(os.path.dirname(__file__), folder)  # pathlib would be slow to import
+        yield from (f"{__package__}.{folder}.{module.name}" for module in pkgutil.iter_modules([path]))
 
 
 def register_plugins(*_: object) -> None:

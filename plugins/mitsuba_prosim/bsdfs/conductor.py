@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -163,6 +162,8 @@ class Conductor(Material):
 
 def metals() -> list[str]:
     """Returns the names of the metals that Mitsuba has in files; none if the folder is not found."""
+    from pathlib import Path  # slow to import, and only a message needs it
+
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 

@@ -1,5 +1,6 @@
 """``prosim compare``: compares two integrators or samplers on a scene, and writes an HTML page with the results."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -80,7 +81,8 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
         with Progress("comparing") as bar:
             for phase, progress in compared.run():
                 bar.show(progress, phase)
-    texts = comparison_page.html(compared.facts, compared.images), comparison_page.json_text(compared.facts)
+    numbers = json.dumps(compared.facts, indent=1, ensure_ascii=False) + "\n"
+    texts = comparison_page.html(compared.facts, compared.images), numbers
     written = files.save(stem, {suffix: text.encode("utf-8") for suffix, text in zip(SUFFIXES, texts)})
     click.echo(summary(compared.facts, comparison.LIGHT))
     click.echo(" and ".join(map(str, written)))

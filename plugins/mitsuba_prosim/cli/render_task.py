@@ -336,9 +336,7 @@ def finished_image(
         added = report.denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else layers.bitmap(final)
     exposure = job.exposure or 0.0
-    colours = images.colours(bitmap)
-    displayed = None if colours is None else colours * 2.0**exposure
-    why_black = None if displayed is None else black.reason(task.scene, task.sensor, displayed, exposure=exposure)
+    why_black = black.reason(task.scene, task.sensor, images.colours(bitmap), exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
     contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
     return {**contents}, [report.summary(render, final, interrupted, task.integrator, task.file)], why_black

@@ -33,19 +33,17 @@ class TevClient(ExitStack):
         super().__init__()
         self._name, self._film, self._throttle = Path(job.scene).stem, film, Throttle()
         self._tev: Any = None
-        if job.view:
-            self._connect(*job.view)
-
-    def _connect(self, host: str, port: int) -> None:
+        if job.view is None:
+            return
         require_extra("tev", "--view tev (Python 3.11 or later)")
         import tevclient
 
-        timeout = socket.getdefaulttimeout()
+        timeout, (host, port) = socket.getdefaulttimeout(), job.view
         socket.setdefaulttimeout(SOCKET_TIMEOUT)  # the timeout of the new connection
         try:
             # ``push`` instead of ``enter_context``: the socket must be closed, too, if ``__enter__`` cannot connect.
             self._tev = self.push(tevclient.Ipc(host, port))
-            self._tev.__enter__().create_image(self._name, *map(int, self._film.crop_size()), CHANNELS)
+            self._tev.__enter__().create_image(self._name, *map(int, film.crop_size()), CHANNELS)
         except OSError as error:
             self.close()
             raise click.ClickException(

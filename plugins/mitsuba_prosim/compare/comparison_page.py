@@ -2,15 +2,14 @@
 
 import base64
 import io
-import json
 from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
+from ..scene.images import png
 from .comparison import COLOUR_MAPS, LIGHT, median
-from .measures import display
 
 #: The results of a comparison: texts and numbers that can be written as JSON.
 Facts = Mapping[str, Any]
@@ -72,13 +71,11 @@ def encode(facts: Facts, images: Mapping[str, np.ndarray]) -> dict[str, str]:
 
     result = {}
     for name, image in images.items():
-        kind, colours = name.rpartition("/")[2], dict[str, Any]()
+        kind, file = name.rpartition("/")[2], io.BytesIO()
         if kind in COLOUR_MAPS:
-            colours = {"cmap": COLOUR_MAPS[kind], "vmin": 0, "vmax": facts["scales"][kind]}
+            imsave(file, image, format="png", cmap=COLOUR_MAPS[kind], vmin=0, vmax=facts["scales"][kind])
         else:
-            image = display(image)
-        file = io.BytesIO()
-        imsave(file, np.ascontiguousarray(image), format="png", **colours)
+            file.write(png(image))
         result[name] = data_uri(file, "png")
     return result
 
@@ -108,8 +105,3 @@ def chart(section: Facts) -> str:
     file = io.BytesIO()
     figure.savefig(file, format="svg")
     return data_uri(file, "svg+xml")
-
-
-def json_text(facts: Facts) -> str:
-    """Returns the results as JSON text, with the full precision of each number."""
-    return json.dumps(facts, indent=1, ensure_ascii=False) + "\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -107,7 +107,11 @@ def render(
         integrator = create("prosim_adaptive", nested=integrator)
     sensor = pick_sensor(loaded, sensor) if isinstance(sensor, int) else sensor
     image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
-    with replaced(integrator, limits | {"adaptive": "graded"} if limits else {}), reporter(progress) as report:
+    with ExitStack() as stack:
+        report = stack.enter_context(reporter(progress))
+        for name, value in (limits | {"adaptive": "graded"} if limits else {}).items():
+            stack.callback(setattr, integrator, name, getattr(integrator, name))  # restores the value
+            setattr(integrator, name, value)
         while not image.done:
             image.step()
             report(image.progress)
@@ -139,19 +143,6 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
         with atomic.scratch() as folder:
             return SceneFile(scene, folder).load()
     return scene
-
-
-@contextmanager
-def replaced(integrator: Any, parameters: Mapping[str, Any]) -> Iterator[None]:
-    """Inside the ``with`` block, the ``integrator`` has other values of some parameters."""
-    before = {name: getattr(integrator, name) for name in parameters}
-    try:
-        for name, value in parameters.items():
-            setattr(integrator, name, value)
-        yield
-    finally:
-        for name, value in before.items():
-            setattr(integrator, name, value)
 
 
 @contextmanager

@@ -19,16 +19,18 @@ IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the P
 
 
 def reason(
-    scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray, brighter: str = IN_THE_PNG, exposure: float = 0.0
+    scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray | None, brighter: str = IN_THE_PNG, exposure: float = 0.0
 ) -> str | None:
     """Returns why a rendered image is black, and a remedy, in words; None if it is not black.
 
-    ``colours`` are the linear colours of the image, shape (height, width, 3), already multiplied by 2^``exposure``. The
-    image is black if all its colours are NaN or below :data:`BLACK`. ``brighter`` is the advice for an image that is
-    only too dark, in which ``{}`` is replaced by the exposure, in stops, that makes it bright. Scalar variants trace no
+    ``colours`` are the linear colours of the image, shape (height, width, 3), or None. The image is black if all its
+    colours times 2^``exposure`` are NaN or below :data:`BLACK`. ``brighter`` is the advice for an image that is only
+    too dark, in which ``{}`` is replaced by the exposure, in stops, that makes it bright. Scalar variants trace no
     camera rays, so their reason is less exact.
     """
-    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0))  # the maximum without NaN values
+    if colours is None:
+        return None
+    brightest = float(np.fmax.reduce(colours, axis=None, initial=0.0)) * 2.0**exposure  # the maximum without NaN values
     if brightest >= BLACK:
         return None
     if brightest > 0:

@@ -147,7 +147,9 @@ class Elsewhere:
     def __call__(self, items):
         while some := list(itertools.islice(items, self.together)):
             yield None  # nothing yet
-            yield from [(item, self.take(item)) for item in self.chance.sample(some, len(some))]
+            for item in self.chance.sample(some, len(some)):
+                item.store(self.take(item))
+                yield item
 
     def take(self, item):
         if self.estimator is None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import double
+from ..compat import double, dr_array
 from .standard_error import standard_error
 
 #: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite. Sums of 64 bits
@@ -51,35 +52,44 @@ class Accumulators:
         """Returns accumulators without samples, with ``sums_per_pixel`` sums for each pixel of an image."""
         sums = dr.zeros(double(), pixels * sums_per_pixel)
         total, squares, pass_squares, in_pass = (dr.zeros(double(), pixels) for _ in range(4))
-        result = cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
-        dr.make_opaque(result)
-        return result
+        return cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
+
+    @classmethod
+    def of_arrays(cls, named: Mapping[str, np.ndarray]) -> Accumulators:
+        """Returns the accumulators of an image from the NumPy arrays ``named``: the inverse of :meth:`arrays`."""
+        sums = [named[f"sum{k}"] for k in range(sum(name.startswith("sum") for name in named))]
+        return cls(dr_array(np.stack(sums, axis=1)), *(dr_array(named[f.name]) for f in fields(cls)[1:]))
+
+    def arrays(self, own: slice) -> dict[str, np.ndarray]:
+        """Returns the accumulators of the pixels ``own`` of an image as NumPy arrays by name: name -> array."""
+        named = {f.name: np.array(getattr(self, f.name))[own] for f in fields(self)[1:]}
+        columns = np.array(self.sums).reshape(len(self.count), -1)[own].T
+        return named | {f"sum{k}": values for k, values in enumerate(columns)}
 
     @property
     def others(self) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64, mi.UInt32]:
         """All attributes but ``sums``."""
         return self.total, self.squares, self.pass_squares, self.in_pass, self.count
 
-    def film_sums(self, index: mi.UInt32, active: mi.Bool, first: int, number: int) -> list[mi.Float64]:
-        """Returns ``number`` of the sums of the pixels ``index``, from the sum with the number ``first``, of an image.
+    def film_sums(
+        self, pixel: mi.UInt32, place: int | mi.UInt32, channels: int, active: mi.Bool = True
+    ) -> list[mi.Float64]:
+        """Returns the sums of the ``channels`` of the neighbour number ``place`` of each ``pixel`` of an image.
 
-        ``first`` must be a multiple of ``number``; the sums are 0 for pixels that are not ``active``.
+        The sums are 0 for pixels that are not ``active``.
         """
-        rows = len(self.sums) // len(self.count) // number
-        packets = dr.replace_type_t(mi.ArrayXf, dr.type_v(double()))
-        return list(dr.gather(packets, self.sums, index * rows + first // number, active, shape=(number, len(index))))
+        index = pixel * (len(self.sums) // len(self.count) // channels) + place
+        return list(dr.gather(packets(), self.sums, index, active, shape=(channels, len(index))))
 
-    def of(self, index: mi.UInt32, active: mi.Bool) -> Accumulators:
-        """Returns the accumulators of the pixels ``index`` of an image, 0 for pixels that are not ``active``."""
-        number = len(self.sums) // len(self.count)
-        others = dr.gather(tuple, self.others, index, active)
-        return Accumulators(self.film_sums(index, active, 0, number), *others)
+    def of(self, pixel: mi.UInt32) -> Accumulators:
+        """Returns the accumulators of some pixels of an image."""
+        sums = self.film_sums(pixel, 0, len(self.sums) // len(self.count))
+        return Accumulators(sums, *dr.gather(tuple, self.others, pixel))
 
-    def store(self, values: Accumulators, index: mi.UInt32, active: mi.Bool) -> None:
-        """Replaces those of the pixels ``index`` of an image that are ``active``."""
-        packets = dr.replace_type_t(mi.ArrayXf, dr.type_v(double()))
-        for mine, new in ((self.sums, packets(values.sums)), *zip(self.others, values.others)):
-            dr.scatter(mine, new, index, active, mode=dr.ReduceMode.NoConflicts)
+    def store(self, pixel: mi.UInt32, values: Accumulators) -> None:
+        """Replaces the accumulators of some pixels of an image by ``values``."""
+        for mine, new in ((self.sums, packets()(values.sums)), *zip(self.others, values.others)):
+            dr.scatter(mine, new, pixel, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self)
 
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,3 +109,8 @@ class Accumulators:
             between = standard_error(total / n, np.array(self.pass_squares), count / n)
             single = standard_error(total, squares, count)
             return np.float32(np.where((count > n) & (count % n == 0), between, single))
+
+
+def packets() -> Any:
+    """Returns the type of Dr.Jit arrays that have several 64-bit floats (:func:`.compat.double`) in each entry."""
+    return dr.replace_type_t(mi.ArrayXf, dr.type_v(double()))

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from .. import atomic
-from ..compat import dr_array
 from .accumulators import Accumulators
 from .environment import MAY_DIFFER, MUST_AGREE, differences, this_environment
 from .image import Image
@@ -127,16 +126,16 @@ class Checkpoint:
             "seconds": seconds,
             "finished": finished,
         }
-        pixels = arrays(state.accumulators) | {"index": index(state)}
+        sums = state.accumulators
+        pixels = sums.arrays(state.own) | {"index": index(state)}
         if state.wanted is not None:
             pixels["wanted"] = state.wanted
         needed = state.counts_of_part(pixels["count"], 0) if finished else pixels["count"]
         if not needed.all():
             pixels = {name: values[needed > 0] for name, values in pixels.items()}
         # The attributes are those that a file would give back: lists in place of tuples.
-        return cls(
-            json.loads(json.dumps(attributes)), pixels, {} if state.second_sums is None else arrays(state.second_sums)
-        )
+        second = sums.arrays(state.second.own) if state.second else state.second_sums
+        return cls(json.loads(json.dumps(attributes)), pixels, second)
 
     @property
     def finished(self) -> bool:
@@ -181,8 +180,7 @@ class Checkpoint:
         pixels = {name: np.zeros(len(index(state)), values.dtype) for name, values in self.pixels.items()}
         for name, values in pixels.items():
             values[theirs] = self.pixels[name][mine]
-        state.accumulators = accumulators(pixels)
-        state.second_sums = accumulators(self.second) if self.second else None
+        state.accumulators, state.second_sums = Accumulators.of_arrays(pixels), self.second
         same_target = changed.isdisjoint(TARGETS)
         if decided:
             # The current pass belongs to its target; with another target, the next pass is decided at once.
@@ -191,7 +189,8 @@ class Checkpoint:
 
     def check_arrays(self, state: Image) -> None:
         """Raises ValueError unless the arrays are those of ``state``, and each pixel is stored once."""
-        needed, uint32 = types(arrays(Accumulators.empty(state.estimator.sums_per_pixel, 1))), np.dtype(np.uint32)
+        empty, uint32 = Accumulators.empty(state.estimator.sums_per_pixel, 1), np.dtype(np.uint32)
+        needed = types(empty.arrays(slice(1)))
         found = {"wanted": uint32, **types(self.pixels)}
         if found != {**needed, "index": uint32, "wanted": uint32} or types(self.second) not in (needed, {}):
             raise ValueError("these are the samples of another image (the arrays differ)")
@@ -228,25 +227,13 @@ def identity(state: Image) -> dict[str, Any]:
 def index(state: Image) -> np.ndarray:
     """Returns the index of each pixel of ``state`` in ``state.plan.domain``, numbered row by row."""
     left, top, right, _ = state.plan.domain
-    return ((np.array(state.y) - top) * (right - left) + np.array(state.x) - left).astype(np.uint32)
-
-
-def arrays(sums: Accumulators) -> dict[str, np.ndarray]:
-    """Returns the accumulators ``sums`` as NumPy arrays by name: name -> array."""
-    named = {f.name: getattr(sums, f.name) for f in fields(sums) if f.name != "sums"}
-    columns = np.array(sums.sums).reshape(len(sums.count), -1).T
-    return {name: np.array(values) for name, values in named.items()} | {f"sum{k}": v for k, v in enumerate(columns)}
+    x, y = np.array(state.x)[state.own], np.array(state.y)[state.own]
+    return ((y - top) * (right - left) + x - left).astype(np.uint32)
 
 
 def types(named: Mapping[str, np.ndarray]) -> dict[str, np.dtype]:
     """Returns the type of each of the arrays ``named``: name -> type."""
     return {name: values.dtype for name, values in named.items()}
-
-
-def accumulators(named: Mapping[str, np.ndarray]) -> Accumulators:
-    """Returns :class:`.Accumulators` from the arrays ``named`` (name -> array): the inverse of :func:`arrays`."""
-    sums = [named[f"sum{k}"] for k in range(sum(name.startswith("sum") for name in named))]
-    return Accumulators(dr_array(np.stack(sums, axis=1)), *(dr_array(named[f.name]) for f in fields(Accumulators)[1:]))
 
 
 # ---------------------------------------------------------------- files

@@ -4,6 +4,8 @@ next pass over the image takes.
 
 from __future__ import annotations
 
+import itertools
+import math
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
@@ -40,6 +42,9 @@ TOLERANCE, UNCERTAIN = 0.98, 1.2
 #: A photon pass is used if enough samples gather its photons. Enough is the number of its photons, or the number of
 #: pixels times its photon maps if that is less, divided by SPARSE.
 SPARSE = 2
+
+#: The size of a pass is decided by about this number of pixels, or by all of a smaller image.
+SOME = 1 << 14
 
 
 @dataclass
@@ -109,7 +114,7 @@ def next_counts(state: Image, target: ErrorTarget, sample_ratio: float, speed: f
     speed of the render, in samples per pixel and second; 0 if the speed is not known. With a time limit and an unknown
     speed, the pass at most doubles the mean number of samples.
     """
-    have, ratio = mean(state.accumulators.count), None
+    have, ratio = mean(state.count), None
     most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
     if target.seconds:
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
@@ -129,28 +134,32 @@ def counts_for_ratio(state: Image, ratio: float | None, most: float = np.inf) ->
     is None if only ``most`` limits the numbers of samples. No pixel gets more than the plan's maximum number of
     samples, even if the error is then larger.
     """
-    request, count = np.minimum(state.request(), np.float32(UNLIMITED)), np.array(state.accumulators.count)
+    request, count = np.minimum(state.request(), np.float32(UNLIMITED)), state.count
     # All samples of a pixel so far may agree by chance. So every pixel of the region gets samples from time to time.
     # ``region`` is a view of ``request``.
     region = state.crop(request, state.plan.region)
     region += np.float32(mean(region.ravel()) / 20)
-    variances, caustics = display_variance(state.accumulators), state.estimator.transport.caustics
+    variances, caustics = display_variance(state), state.estimator.transport.caustics
+    # Some of the pixels stand for all: ``step`` has no factor in common with the width, so they are in all columns.
+    left, _, right, _ = state.outer
+    fewest = 1 if caustics is not None else 1 + count.size // SOME
+    step = next(step for step in itertools.count(fewest) if math.gcd(step, right - left) == 1)
     # The mean variance of the pixels' means at which the samples suffice.
-    goal = None if ratio is None else mean(variances / np.float32(count)) / ratio
+    goal = None if ratio is None else mean(variances[::step] / np.float32(count[::step])) / ratio
 
-    def after(effort: float) -> np.ndarray:
-        """Returns each pixel's number of samples after a pass that is multiplied by ``effort``."""
-        counts = state.counts_for(request * np.float32(effort))
+    def after(effort: float, step: int = 1) -> np.ndarray:
+        """Returns each ``step``-th pixel's number of samples after a pass that is multiplied by ``effort``."""
+        counts = state.counts_for(request[::step] * np.float32(effort))
         if caustics is not None:
             plan = state.plan
             limit = limit_by_photons(count, counts, plan.max_samples, caustics.maps(plan.n), caustics.count)
             counts = np.minimum(counts, np.uint32(limit))
-        return np.maximum(counts, count)
+        return np.maximum(counts, count[::step])
 
     def reaches(effort: float) -> bool:
         """Tells whether a pass times ``effort`` reaches the variance ``goal`` (unless None) or the mean ``most``."""
-        counts = np.float32(after(effort))
-        return mean(counts) >= most or (goal is not None and mean(variances / counts) <= goal)
+        counts = np.float32(after(effort, step))
+        return mean(counts) >= most or (goal is not None and mean(variances[::step] / counts) <= goal)
 
     return after(smallest_effort(reaches))
 

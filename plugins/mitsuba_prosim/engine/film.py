@@ -34,14 +34,15 @@ def film_values(image: PixelSet) -> mi.TensorXf:
     left, top, right, bottom = plan.window
     x, y = pixels(plan.window)
     Double = double()
-    totals = [Double(0) for _ in channels.names]
+    totals, first = [Double(0) for _ in channels.names], dr.opaque(mi.UInt32, image.own.start)
     sources = list(pixels_around(x, y, image.estimator.reach, plan.region, image.outer))
     # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
     # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
     for place, (index, active) in zip(reversed(range(len(sources))), sources):
+        index += first
         count = dr.gather(mi.UInt32, sums.count, index, active)
         weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
-        values = sums.film_sums(index, active, place * len(channels.names), len(channels.names))
+        values = sums.film_sums(index, place, len(channels.names), active)
         totals = [total + weight * value for total, value in zip(totals, values)]
     weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
     for name in channels.own_aovs:

@@ -10,14 +10,17 @@ import numpy as np
 
 from .error_target import GROWTH, ErrorTarget, mean, next_counts, remaining_factor
 from .image import Image, Noise, SecondImage
-from .plan import UNLIMITED, area
-from .work import Wanted
+from .plan import UNLIMITED, Plan, area
 
 
 class Pass(NamedTuple):
-    """A pass over an image or both: samples until each pixel has ``wanted`` samples or has converged."""
+    """A pass over an image or both: samples by ``plan`` until each pixel has ``wanted`` samples or has converged.
 
-    wanted: Wanted
+    ``wanted`` has the pixels of the image first, and perhaps those of its second image.
+    """
+
+    plan: Plan
+    wanted: np.ndarray
     #: Estimated number of samples of all these pixels together at the end of the image; if the number is 0, the samples
     #: of this pass do not count as progress.
     expected: float = 0.0
@@ -79,11 +82,11 @@ class PolicyGoal:
             left = policy.rounds - image.rounds - 1
             wanted = image.counts_for(image.request(left * policy.reach))
             if left:  # few samples give unreliable estimates
-                wanted = np.minimum(wanted, np.maximum(GROWTH * np.array(image.accumulators.count), plan.n**2))
+                wanted = np.minimum(wanted, np.maximum(GROWTH * image.count, plan.n**2))
             image.begin_round(image.counts_of_part(wanted, left * policy.reach))
         assert image.wanted is not None
         expected = most if image.rounds < policy.rounds else float(image.wanted.sum(dtype=np.int64))
-        return Pass([(image, image.wanted)], expected)
+        return Pass(image.plan, image.wanted, expected)
 
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision; several if there are many samples, to show an image early."""
@@ -91,7 +94,7 @@ class PolicyGoal:
         while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
             numbers.insert(0, -(-numbers[0] // GROWTH**2))
         for number in numbers:
-            yield Pass([(image, image.one * np.uint32(number))], image.most_samples)
+            yield Pass(image.plan, image.one * np.uint32(number), image.most_samples)
 
     def measure(self, image: Image) -> bool:
         """Returns True: the image may be shown after each pass."""
@@ -135,12 +138,12 @@ class ErrorGoal:
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision of the policy."""
         if self.target.seconds:  # shows an image after one sample per pixel
-            yield Pass([(image, image.one)])
+            yield Pass(image.plan, image.one)
         yield both(image, image.one * np.uint32(image.policy.first_samples), image.plan.max_samples)
 
     def _next(self, image: Image) -> Pass | None:
         """Returns the next pass after the first passes."""
-        count = np.array(image.accumulators.count)
+        count = image.count
         if image.wanted is None:
             if image.second is not None and image.second.lags(image):
                 return second_pass(image, image.second)
@@ -222,16 +225,17 @@ class HalvesGoal:
 
 def second_pass(image: Image, second: SecondImage, most: int = UNLIMITED) -> Pass:
     """Returns a pass that gives each pixel of ``second`` as many samples as in ``image``, but at most ``most``."""
-    return Pass([(second, np.minimum(np.array(image.accumulators.count)[second.index], np.uint32(most)))])
+    count = image.count
+    return Pass(second.plan, np.concatenate([count, np.minimum(count[second.index], np.uint32(most))]))
 
 
 def both(image: Image, wanted: np.ndarray, expected: float) -> Pass:
     """Returns a pass in which each pixel of ``image``, and of its second image, gets ``wanted`` samples; at the end of
     the image, a pixel has about ``expected`` samples.
     """
-    second = image.second
-    sets = [(image, wanted)] if second is None else [(image, wanted), (second, wanted[second.index])]
-    return Pass(sets, expected * sum(map(len, (numbers for _, numbers in sets))))
+    if image.second is not None:
+        wanted = np.concatenate([wanted, wanted[image.second.index]])
+    return Pass(image.plan, wanted, expected * len(wanted))
 
 
 def raw_error(image: Image, second: SecondImage, target: ErrorTarget) -> Measurement:

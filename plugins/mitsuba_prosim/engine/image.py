@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -40,7 +40,8 @@ class Image(PixelSet):
         self.margin = self.policy.rounds * self.policy.reach
         #: The rectangle of the pixels in the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)
-        self.x, self.y = pixels(self.outer)
+        self.own, (self.x, self.y) = slice(0, area(self.outer)), pixels(self.outer)
+        self.seed = plan.seed + dr.zeros(mi.UInt32, area(self.outer))
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         #: The last measurement by :class:`.SecondImage`, see :data:`Noise`.
         self.noise: tuple[float, float, float, float] = (float("nan"),) * 4
@@ -53,9 +54,9 @@ class Image(PixelSet):
         self.wanted: np.ndarray | None = None
         #: Whether the image has all requested samples.
         self.finished = False
-        #: The second image; and its sums, which may be those of a checkpoint before the second image has begun.
+        #: The second image; and the sums of a checkpoint (:meth:`.Accumulators.arrays`) with which it begins.
         self.second: SecondImage | None = None
-        self.second_sums: Accumulators | None = None
+        self.second_sums: Mapping[str, np.ndarray] = {}
         #: The last result of :attr:`film_values`, and the numbers of samples for which it holds.
         self._film: tuple[mi.UInt32, mi.TensorXf] | None = None
 
@@ -71,9 +72,23 @@ class Image(PixelSet):
 
     def begin_second(self, complete: bool) -> SecondImage:
         """Begins or continues a second image, and returns it; the samples for other pixels are discarded."""
-        self.second = SecondImage(self, complete)
-        self.second_sums = self.second.accumulators
-        return self.second
+        if self.second is not None and self.second.complete:
+            return self.second
+        second, stored = SecondImage(self, complete), self.second_sums
+        number = len(second.index)
+        values = ((np.array(v)[self.own], np.array(v)[second.index]) for v in (self.x, self.y))
+        self.x, self.y = (dr_array(np.concatenate(both)) for both in values)
+        self.seed = dr_array(np.concatenate([np.full(self.own.stop, self.plan.seed), second.seeds]))
+        if stored or np.any(self.count):
+            ours = self.accumulators.arrays(self.own)
+            if len(stored.get("count", ())) != number:  # the pixels are others
+                stored = {name: np.zeros(number, values.dtype) for name, values in ours.items()}
+            sums = {name: np.concatenate([values, stored[name]]) for name, values in ours.items()}
+            self.accumulators = Accumulators.of_arrays(sums)
+        else:
+            self.accumulators = Accumulators.empty(self.estimator.sums_per_pixel, self.own.stop + number)
+        second.accumulators, self.second, self.second_sums = self.accumulators, second, {}
+        return second
 
     def record(self, noise: Noise, estimates: Sequence[Sequence[Any]] = ()) -> None:
         """Stores a measured error, and new estimates of the error of the denoised image."""
@@ -84,7 +99,7 @@ class Image(PixelSet):
     @property
     def one(self) -> np.ndarray:
         """An array that is 1 for each pixel that needs samples, and 0 for all other pixels."""
-        return self.counts_of_part(np.ones(dr.width(self.x), np.uint32), self.margin)
+        return self.counts_of_part(np.ones(self.own.stop, np.uint32), self.margin)
 
     @property
     def most_samples(self) -> float:
@@ -94,7 +109,7 @@ class Image(PixelSet):
     @property
     def has_complete_second(self) -> bool:
         """Whether there are sums of a complete second image."""
-        return self.second_sums is not None and dr.width(self.second_sums.count) == area(self.plan.region)
+        return len(self.second_sums.get("count", ())) == area(self.plan.region)
 
     @property
     def film_values(self) -> mi.TensorXf:
@@ -108,9 +123,9 @@ class Image(PixelSet):
     @alone()
     def all_counts(self) -> np.ndarray:
         """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
-        counts = np.array(self.accumulators.count)
+        counts = self.count
         if self.second is not None and self.second.complete:
-            counts[self.second.index] += np.array(self.second.accumulators.count)
+            counts[self.second.index] += self.second.count
         return self.crop(counts, self.plan.window)
 
     @alone()
@@ -131,7 +146,7 @@ class Image(PixelSet):
     def halves(self) -> list[np.ndarray]:
         """Returns the developed image and, if it is complete, the second; each (height, width, channels)."""
         second = self.second
-        both = second is not None and second.complete and np.all(np.array(second.accumulators.count) > 0)
+        both = second is not None and second.complete and np.all(second.count > 0)
         # The first image is developed last, because the film must hold it at the end. So the list is reversed.
         return [np.array(self.developed(is_second)) for is_second in ((True, False) if both else (False,))][::-1]
 
@@ -149,7 +164,7 @@ class Image(PixelSet):
     @property
     def counts(self) -> np.ndarray:
         """Number of samples of each pixel of ``plan.region``, the pixels that reach the crop window by the filter."""
-        return self.crop(self.accumulators.count, self.plan.region)
+        return self.crop(self.count, self.plan.region)
 
     def counts_of_part(self, counts: np.ndarray, reach: int) -> np.ndarray:
         """Returns ``counts``, but 0 for pixels that are farther than ``reach`` pixels from the image part :attr:`part`.
@@ -161,7 +176,7 @@ class Image(PixelSet):
         """
         if self.part is None:
             return counts
-        x, y, needed = np.array(self.x), np.array(self.y), np.zeros(counts.shape, bool)
+        x, y, needed = np.array(self.x)[self.own], np.array(self.y)[self.own], np.zeros(counts.shape, bool)
         left, top, right, bottom = self.plan.region
         # These nine places meet all tiles within ``reach`` pixels, because no tile is narrower than ``reach``.
         for px in (np.clip(x + step, left, right - 1) for step in (-reach, 0, reach)):
@@ -176,10 +191,10 @@ class Image(PixelSet):
         32-bit floats, neither rounded nor limited; the policy ``graded`` also requests infinity. The requested number
         is 0 for a pixel that is more than ``margin`` pixels outside ``plan.region``.
         """
-        statistics = self.accumulators.statistics()
+        statistics = self.statistics()
         # The statistics of both images are added, because either image may have met a rare bright light.
         if self.second is not None:
-            for first, second in zip(statistics, self.second.accumulators.statistics()):
+            for first, second in zip(statistics, self.second.statistics()):
                 np.add.at(first, self.second.index, second)
         with np.errstate(all="ignore"):  # the error is NaN without samples
             values = np.float32(self.policy.request(*(self.crop(sums, self.outer) for sums in statistics)))
@@ -238,18 +253,14 @@ class SecondImage(PixelSet):
             seed = seed + dr.arange(mi.UInt32, len(index) * copies) // len(index)
             index = np.tile(index, copies)
         self.index, seed = index, hash32(seed)
-        self.x, self.y = dr.gather(tuple, (image.x, image.y), dr_array(index.astype(np.uint32)))
-        dr.make_opaque(seed, self.x, self.y)
+        self.own = slice(image.own.stop, image.own.stop + len(index))
+        self.seeds = np.broadcast_to(np.array(seed), index.shape)
         sampling = replace(image.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
         self.plan = replace(image.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
-        sums = image.second_sums
-        if sums is None or dr.width(sums.count) != len(index):  # none, or for other pixels
-            sums = Accumulators.empty(self.estimator.sums_per_pixel, len(index))
-        self.accumulators = sums
 
     def lags(self, image: Image) -> bool:
         """Tells whether any pixel has fewer samples than in the first ``image``."""
-        return bool(np.any(np.array(self.accumulators.count) < np.array(image.accumulators.count)[self.index]))
+        return bool(np.any(self.count < image.count[self.index]))
 
     @alone()
     @denormals_rounded()
@@ -263,28 +274,30 @@ class SecondImage(PixelSet):
         of radiances were multiplied by the slope of the tone curve instead, the measured error would depend mostly on
         bright spots.
         """
-        # ``of_pixel`` is the number of channels, and ``stored`` the number of the channels up to the weight W.
-        plan, channels, own = self.plan, self.estimator.channels, mi.UInt32(self.index)
-        film, of_pixel, stored = image.film_values, len(channels.names), channels.names.index("W") + 1
-        first, second, squares = image.accumulators, self.accumulators, dr.zeros(mi.Float, len(self.index))
-        Double = double()
-        counts = [Double(v) for v in (dr.gather(mi.UInt32, first.count, own), second.count)]
-        around = pixels_around(self.x, self.y, self.estimator.reach, plan.window, plan.window)
-        for place, (index, seen) in enumerate(around):
-            sides = (first, own), (second, dr.arange(mi.UInt32, len(own)))
-            sums = [side.film_sums(at, True, place * of_pixel, of_pixel)[:stored] for side, at in sides]
-            before = [dr.gather(mi.Float, film.array, index * film.shape[2] + k, seen) for k in range(stored)]
-            means = ((a / counts[0], b / counts[1]) for a, b in zip(*sums))
-            after = [v + mi.Float(b - a) for v, (a, b) in zip(before, means)]
-            change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
-            squares += dr.select(seen, dr.square(change), 0)
-            dr.eval(squares)
+        plan, channels, film, sums = self.plan, self.estimator.channels, image.film_values, self.accumulators
+        reach, stored = self.estimator.reach, channels.names.index("W") + 1  # the channels up to the weight W
+        side, Double = 2 * reach + 1, double()
+        # Each lane is one of the pixels within the filter's reach of one pixel of the second image.
+        lane = dr.arange(mi.UInt32, side**2 * len(self.index))
+        number, place = lane // side**2, lane % side**2
+        pixel = dr.gather(mi.UInt32, dr_array(self.index.astype(np.uint32)), number)
+        x = dr.gather(mi.Int32, image.x, pixel) + mi.Int32(place % side) - reach
+        y = dr.gather(mi.Int32, image.y, pixel) + mi.Int32(place // side) - reach
+        index, seen = next(pixels_around(x, y, 0, plan.window, plan.window))
+        means = []
+        for one in (pixel, number + dr.opaque(mi.UInt32, self.own.start)):
+            values = sums.film_sums(one, place, len(channels.names))[:stored]
+            means.append([value / Double(dr.gather(mi.UInt32, sums.count, one)) for value in values])
+        before = list(dr.gather(mi.ArrayXf, film.array, index, seen, shape=(film.shape[2], len(lane))))[:stored]
+        after = [value + mi.Float(second - first) for value, first, second in zip(before, *means)]
+        change = displayed(channels.luminance(before)) - displayed(channels.luminance(after))
+        squares = np.array(dr.select(seen, dr.square(change), 0), dtype=np.float64).reshape(-1, side**2).sum(axis=1)
         # The difference of two images has twice the variance of one image, and four times the variance of their mean.
         # Pixels around a crop window also cause errors in the window, by the filter.
         factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
-        errors = np.sqrt(factor * np.array(squares, dtype=np.float64))
+        errors = np.sqrt(factor * squares)
         tails = np.percentile(errors, [99, 99.9])
-        rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(first) / np.float64(np.array(first.count))
+        rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(image) / np.float64(image.count)
         # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
         # the samples within a pixel shows such pixels.
         deviation = 0.5 * (concentration(errors**2) + 2 * concentration(image.crop(within, plan.window))) ** 0.5
@@ -297,7 +310,7 @@ def concentration(squares: np.ndarray) -> float:
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
-def display_variance(accumulators: Accumulators) -> np.ndarray:
+def display_variance(image: PixelSet) -> np.ndarray:
     """Returns each pixel's variance of one sample in displayed values (:func:`.in_display_units`)."""
-    total, squares, count = accumulators.statistics()
+    total, squares, count = image.statistics()
     return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))

@@ -176,23 +176,21 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
     1991). The mean is infinite for a pixel without neighbours.
     """
 
-    def along_columns(plane: np.ndarray) -> np.ndarray:
-        """Returns the sum of the entries up to ``reach`` rows above and below, without the entry itself."""
-        padded, height = np.pad(plane, ((reach, reach), (0, 0))), len(plane)
-        steps = (k for k in range(-reach, reach + 1) if k)
-        return sum((padded[reach + k : reach + k + height] for k in steps), np.zeros_like(plane))
-
-    def sum_around(plane: np.ndarray) -> np.ndarray:
-        """Returns, for each pixel, the sum of ``plane`` over the pixels around it within ``reach`` rows and columns."""
-        # Adds along the rows, and then along the columns of these sums. The pixel's own row is added without the pixel;
-        # the other rows are added whole.
-        in_row = along_columns(plane.T).T
-        return in_row + along_columns(in_row + plane)
+    def summed(plane: np.ndarray, axis: int) -> np.ndarray:
+        """Returns the sums of the entries up to ``reach`` before and behind each entry along ``axis``, without it."""
+        padded = np.pad(plane, [(reach * (k == axis),) * 2 for k in range(2)])
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis)
+        total = np.zeros_like(plane)
+        for k in range(2 * reach + 1):
+            total += windows[..., k] if k != reach else 0
+        return total
 
     places = (np.arange(size) for size in plane.shape)
     rows, columns = (np.minimum(place, reach) + np.minimum(place[::-1], reach) + 1 for place in places)
     number = np.outer(rows, columns) - 1
-    return np.where(number > 0, sum_around(plane) / number, np.float32(np.inf))
+    # The pixel's own row is added without the pixel; the other rows are added whole.
+    in_row = summed(plane, 1)
+    return np.where(number > 0, (in_row + summed(in_row + plane, 0)) / number, np.float32(np.inf))
 
 
 #: Allowed values of the integrator's parameter ``adaptive`` -> policy; the default is first.

@@ -21,7 +21,7 @@ from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
-from .work import Executor, Step, Steps, Wanted, lacking, photon_batches, work_items
+from .work import Executor, Step, Steps, lacking, photon_batches, work_items
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
@@ -113,9 +113,9 @@ class Render(Steps):
                 complete = self._complete
                 if complete:
                     image.end_pass()
-                elif image.rounds == 0 and np.any(image.accumulators.count):
+                elif image.rounds == 0 and np.any(image.count):
                     # In the first pass, pixels without samples get one sample, so that no pixel is missing.
-                    yield from self._take(Pass([(image, image.one)]))
+                    yield from self._take(Pass(image.plan, image.one))
                 if (not complete or self.goal.measure(image)) and np.all(image.counts > 0):
                     yield Step(self._done, True)
             image.finished = not self._stopped and (self._complete or self.target.time_is_up)
@@ -129,20 +129,18 @@ class Render(Steps):
 
     def _take(self, request: Pass) -> Iterator[Step]:
         """Takes the samples of a pass, and yields a step after each work item."""
-        wanted, expected = request
+        image, (plan, wanted, expected) = self.state, request
         # Number of samples that the batch lacks, and number that it has taken. The pass is complete if both agree in
         # the last batch.
         missing = taken = 0
-        for batch in photon_batches(wanted):
+        for by, batch in photon_batches(image, plan, wanted):
             # A pixel that converged in the previous batch still lacks samples, and takes none.
-            have, taken = sum(int(np.array(pixels.accumulators.count).sum(dtype=np.int64)) for pixels, _ in wanted), 0
-            missing = sum(int(lacking(*one).sum()) for one in batch)
-            items = work_items(batch, self.executor, self.target.item_seconds)
+            have, taken = int(np.array(image.accumulators.count)[: len(wanted)].sum(dtype=np.int64)), 0
+            missing = int(lacking(image, batch).sum())
+            items = work_items(image, by, batch, self.executor, self.target.item_seconds)
             with closing(self.executor(items)) as results:
-                for result in results if not self._must_end(wanted) else ():
-                    if result is not None:
-                        item, sums = result
-                        item.store(sums)
+                for item in results if not self._must_end(wanted) else ():
+                    if item is not None:
                         taken += item.samples
                         self._done = self.target.progress((have + taken) / expected if expected else self._done)
                     yield Step(self._done, False)
@@ -150,15 +148,14 @@ class Render(Steps):
                         break
         self._complete = taken == missing
 
-    def _must_end(self, wanted: Wanted) -> bool:
+    def _must_end(self, wanted: np.ndarray) -> bool:
         """Tells whether the current pass, in which the pixels get ``wanted`` samples, must end now.
 
         A pass ends early if :meth:`stop` was called or if the time limit is reached. The time limit does not end a pass
         that takes only the first sample of each pixel. :meth:`stop` does not end a pass that follows an incomplete
         pass, because this pass takes the first samples of pixels without samples.
         """
-        several = any(np.any(numbers > 1) for _, numbers in wanted)
-        return bool((self._complete and self._stopped) or (several and self.target.time_is_up))
+        return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
 
     @property
     def finished(self) -> bool:
@@ -204,7 +201,7 @@ class Render(Steps):
         """Returns the standard error of the luminance of each pixel of the first image, estimated from the samples
         within the pixel, shape (height, width). The error is NaN for a pixel without samples.
         """
-        return self.state.crop(self.state.accumulators.error(self.state.plan.n), self.state.plan.window)
+        return self.state.crop(self.state.error(), self.state.plan.window)
 
     def counts(self) -> np.ndarray:
         """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
@@ -220,13 +217,13 @@ class Render(Steps):
         where it would be a guess: if a pixel has fewer than two samples, if there are fewer than :data:`FEW` per pixel,
         or if few pixels have most of the error, because then other pixels may have missed as much light.
         """
-        state, sums = self.state, self.state.accumulators
-        total, _, count = sums.statistics()
+        state = self.state
+        total, _, count = state.statistics()
         with np.errstate(all="ignore"):  # NaN without samples
             # The mean of a pixel that a rare bright sample has met is too large, and the slope there too small.
             mean_of_pixel = state.crop(total / count, state.plan.region)
             mean_there = np.minimum(mean_of_pixel, mean_around(mean_of_pixel, 2))
-            values = in_display_units(np.float64(state.crop(sums.error(state.plan.n), state.plan.region)), mean_there)
+            values = in_display_units(np.float64(state.crop(state.error(), state.plan.region)), mean_there)
             deviation = 0.5 * concentration(values**2) ** 0.5  # of the RMS, relative
         # The reconstruction filter multiplies the variance by the sum of its squared weights. On each axis, the sample
         # is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -24,9 +25,7 @@ from .plan import Plan
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-#: Pixels that are sampled together, an image and perhaps its second image, each with the number of samples that each of
-#: its pixels should have.
-Wanted: TypeAlias = "Sequence[tuple[PixelSet, np.ndarray]]"
+    from .image import Image
 
 #: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
 MOST_SUMS = 1 << 23
@@ -81,8 +80,8 @@ class WorkItem:
     end: mi.UInt32
     #: Number of samples, if no pixel converges before.
     samples: int = 0
-    #: Function that stores the sums in the image.
-    store: Callable[[Accumulators], None] = lambda sums: None
+    #: Function that stores the sums in the image; in another process, it only evaluates them.
+    store: Callable[..., None] = dr.eval
 
     def compute(self) -> Accumulators:
         """Returns the new sums of the pixels, evaluated, so that the next work item can use the same kernel."""
@@ -94,12 +93,12 @@ class WorkItem:
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)
                 caustics.use_pass(self.plan.photon_seed, number, self.plan.n)
             sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end)
-            dr.eval(sums)
+            self.store(sums)
         return sums
 
 
-#: Yields work items with their sums. Yields None while no result is ready, so that the caller can stop.
-Results = Generator["tuple[WorkItem, Accumulators] | None", None, None]
+#: Yields work items whose sums are stored. Yields None while no result is ready, so that the caller can stop.
+Results = Generator["WorkItem | None", None, None]
 
 
 class Executor:
@@ -152,23 +151,26 @@ class Executor:
         self.measured += 1
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes the work items ``items`` one by one, and yields each work item with the new sums of its pixels."""
+        """Computes the work items ``items`` one by one, stores their sums, and yields them."""
         for item in items:
             started = time.perf_counter()
-            sums = item.compute()
+            item.compute()
             launched = time.perf_counter()
             dr.sync_thread()
             self.update_speed(item.samples, time.perf_counter() - launched, launched - started)
-            yield item, sums
+            yield item
 
 
-def lacking(pixels: PixelSet, numbers: np.ndarray) -> np.ndarray:
-    """Returns how many samples each of the ``pixels`` lacks until it has as many as in ``numbers``."""
-    return np.maximum(numbers - np.array(pixels.accumulators.count, dtype=np.int64), 0)
+def lacking(image: PixelSet, wanted: np.ndarray) -> np.ndarray:
+    """Returns how many samples each of the first pixels of both images lacks until it has the number ``wanted``."""
+    return np.maximum(wanted - np.array(image.accumulators.count, dtype=np.int64)[: len(wanted)], 0)
 
 
-def work_items(wanted: Wanted, executor: Executor, seconds: float = np.inf) -> Iterator[WorkItem]:
-    """Yields work items that together bring each pixel to its number of samples in ``wanted``.
+def work_items(
+    image: PixelSet, plan: Plan, wanted: np.ndarray, executor: Executor, seconds: float = np.inf
+) -> Iterator[WorkItem]:
+    """Yields work items that together bring each of the first pixels of both images to the number of samples
+    ``wanted``, by ``plan``.
 
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
     each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
@@ -176,9 +178,9 @@ def work_items(wanted: Wanted, executor: Executor, seconds: float = np.inf) -> I
     if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need similar numbers of
     samples, neighbours are in the same work item if possible, because their rays are similar.
     """
-    pixels, lack = wanted[0][0], np.concatenate([lacking(*one) for one in wanted])
+    lack = lacking(image, wanted)
     order = np.flatnonzero(lack)
-    x, y = (np.concatenate([np.array(v).astype(np.uint32) for v in vs]) for vs in zip(*((p.x, p.y) for p, _ in wanted)))
+    x, y = (np.array(values).astype(np.uint32) for values in (image.x, image.y))
     place = z_curve(x[order], y[order])
     # The key of the sort: first the class of missing samples, in falling order; then the place along the Z curve.
     kind = np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])).astype(np.int64)
@@ -188,54 +190,41 @@ def work_items(wanted: Wanted, executor: Executor, seconds: float = np.inf) -> I
     while begin < len(order):
         most = before + executor.limit(int(ends[-1]) - before, seconds)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
-        end = min(end, begin + min(pixels.plan.sampling.band, MOST_SUMS // pixels.estimator.sums_per_pixel))
+        end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
-        yield _work_item(wanted, order[begin:end], samples)
+        some = order[begin:end].astype(np.uint32)
+        yield _work_item(image, plan, dr_array(some), dr_array(wanted[some]), samples)
         begin = end
 
 
 @alone()
-def _work_item(wanted: Wanted, some: np.ndarray, samples: int) -> WorkItem:
-    """Returns the work item of the pixels with the indices ``some``: at most ``samples`` samples together."""
-    place, begin, sets = dr_array(some.astype(np.uint32)), 0, []
-    lanes: Any = None
-    for pixels, numbers in wanted:
-        index = place - dr.opaque(mi.UInt32, begin)
-        own = index < dr.opaque(mi.UInt32, len(numbers))  # False for smaller numbers, too: differences are modulo 2^32
-        seed_index = dr.minimum(index, dr.opaque(mi.UInt32, dr.width(pixels.plan.seed) - 1))
-        seed = dr.gather(mi.UInt32, pixels.plan.seed, seed_index, own)
-        values = (*dr.gather(tuple, (pixels.x, pixels.y), index, own), pixels.accumulators.of(index, own), seed)
-        lanes = values if lanes is None else dr.select(own, values, lanes)
-        sets.append((pixels, index, own))
-        begin += len(numbers)
-    dr.eval(lanes, [(index, own) for _, index, own in sets])
-    x, y, start, seed = lanes
-    end = dr_array(np.concatenate([numbers for _, numbers in wanted])[some])
-
-    @alone()
-    def store(sums: Accumulators) -> None:
-        """Writes the new sums of the work item's pixels to the accumulators of their sets."""
-        for pixels, index, own in sets:
-            pixels.accumulators.store(sums, index, own)
-
-    pixels = wanted[0][0]
-    return WorkItem(pixels.estimator, replace(pixels.plan, seed=seed), x, y, start, end, samples, store)
+def _work_item(image: PixelSet, plan: Plan, pixels: mi.UInt32, end: mi.UInt32, samples: int) -> WorkItem:
+    """Returns the work item that brings ``pixels`` to ``end`` samples each: at most ``samples`` samples together."""
+    sums = image.accumulators
+    dr.make_opaque(sums)  # constants would be a part of the kernel
+    (x, y, seed), start = dr.gather(tuple, (image.x, image.y, image.seed), pixels), sums.of(pixels)
+    dr.eval(x, y, seed, start)
+    store = alone()(partial(sums.store, pixels))
+    return WorkItem(image.estimator, replace(plan, seed=seed), x, y, start, end, samples, store)
 
 
-def photon_batches(wanted: Wanted) -> Iterator[Wanted]:
+def photon_batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
     """Divides the samples that pixels need to reach the numbers ``wanted`` into batches, one for each photon pass.
 
-    Yields, for each batch, the number of samples of each pixel after the batch; a pixel that already has more samples
-    takes none. The photon maps of one photon pass are used for a fixed number of successive samples of each pixel.
-    Without caustics, there is only one batch. With caustics, an image and its second image have different photons, so
-    they have different batches.
+    Yields, for each batch, its plan, and the number of samples of each pixel after the batch; a pixel that already has
+    more samples takes none. The photon maps of one photon pass are used for a fixed number of successive samples of
+    each pixel. Without caustics, there is only one batch. With caustics, an image and its second image have different
+    photons, so they have different batches.
     """
-    caustics = wanted[0][0].estimator.transport.caustics
+    caustics = image.estimator.transport.caustics
     if caustics is None:
-        yield wanted
+        yield plan, wanted
         return
-    for pixels, numbers in wanted:
-        count, maps = np.array(pixels.accumulators.count), caustics.maps(pixels.plan.n)
-        if (lack := numbers > count).any():
-            for first in range(int(count[lack].min()) // maps * maps, int(numbers.max()), maps):
-                yield [(pixels, np.minimum(numbers, np.uint32(first + maps)))]
+    count = np.array(image.accumulators.count)[: len(wanted)]
+    for pixels in (image, image.second):
+        if pixels is not None and (lack := wanted[pixels.own] > count[pixels.own]).any():
+            numbers, maps = wanted[pixels.own], caustics.maps(plan.n)
+            for first in range(int(count[pixels.own][lack].min()) // maps * maps, int(numbers.max()), maps):
+                batch = count.copy()
+                batch[pixels.own] = np.minimum(numbers, np.uint32(first + maps))
+                yield pixels.plan, batch

@@ -68,8 +68,8 @@ class DaskExecutor(Executor):
         return min(super().limit(left, seconds), max(left // (WINDOW * max(len(self._workers), 1)), least))
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes the work items on the workers, and yields each of them with the new sums of its pixels, or None
-        while there is no new result.
+        """Computes the work items on the workers, stores their sums, and yields each of them, or None while there is no
+        new result.
 
         If the scheduler is lost, the iteration ends early, and :attr:`loss_reason` tells why. Raises ClusterError for
         other software on a worker, and for a task that fails more than :data:`RETRIES` times.
@@ -89,7 +89,8 @@ class DaskExecutor(Executor):
                         self._shared = None
                         running[self._submit(item, done)] = item
                     else:
-                        yield item, self._sums(item, future, result)
+                        item.store(self._sums(item, future, result))
+                        yield item
                 if not finished:
                     time.sleep(0.01)
                     yield None

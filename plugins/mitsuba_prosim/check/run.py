@@ -59,12 +59,13 @@ def check(
     plugin that cannot be loaded.
     """
     subject = Subject(source, node, modules)
-    subject.load()
-    found = KINDS.get(subject.class_name)
+    loaded = subject.load()
+    name = next((name for name in KINDS if isinstance(loaded, getattr(mi, name))), type(loaded).__name__)
+    found = KINDS.get(name)
     if found is None or found != (kind or found):
-        raise TypeError(f"{subject.name} is a {subject.class_name}; there are tests for {kind or ', '.join(KINDS)}")
+        raise TypeError(f"{subject.name} is a {name}; there are tests for {kind or ', '.join(KINDS)}")
     report = Report(subject.name, found)
-    tests = {one.__name__: one for one in Tests.__subclasses__()}[subject.class_name]
+    tests = {one.__name__: one for one in Tests.__subclasses__()}[name]
     for test, run in tests(subject, report).tests():
         begun(test)
         try:

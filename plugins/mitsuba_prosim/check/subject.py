@@ -105,11 +105,6 @@ class Subject:
         """The plugin's type."""
         return str(self.props.plugin_name())
 
-    @property
-    def class_name(self) -> str:
-        """The name of Mitsuba's class of the plugin, such as BSDF."""
-        return str(self.state.nodes[self.node].type.name)
-
     def load(self, **changes: Any) -> Any:
         """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""
         config = mi.parser.ParserConfig(mi.variant() or "")

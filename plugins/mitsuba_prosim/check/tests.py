@@ -176,7 +176,7 @@ class Tests:
                 if np.abs(nearer - difference).sum() <= 0.2 * total:
                     wrong = np.abs(rows(dr.grad(found), DERIVATIVES) - difference).sum() / total
                     verdict = OK if wrong < 0.1 else NOTE if wrong < 0.5 else FAILS
-                    statistic = f"they differ by {wrong:.1%}"
+                    statistic = f"they differ by {wrong:.1%}" if np.isfinite(wrong) else "derivatives are not finite"
                     self.report.add("derivatives = differences", verdict, statistic, f"{name} by {key}")
 
     def again_extremes(self) -> None:

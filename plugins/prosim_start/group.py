@@ -35,7 +35,9 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = pkgutil.resolve_name(COMMANDS[cmd_name][0])
-        gc.enable()  # :func:`.main` has disabled it
+        if not gc.isenabled():  # :func:`.main` has disabled it
+            gc.freeze()  # modules stay until the end
+            gc.enable()
         return command
 
     def resolve_command(

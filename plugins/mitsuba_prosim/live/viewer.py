@@ -50,9 +50,9 @@ class Viewer:
     """Renders and publishes the image that the live page requests, and opens the scene file ``path`` again after each
     change of the scene's files.
 
-    ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means that of the scene. Threads other
-    than the thread that renders may use only :attr:`publisher`, :meth:`call` and :meth:`close`; all other methods are
-    for functions that :meth:`call` has scheduled.
+    ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means that of the scene. Other threads
+    than the one that renders may use only :attr:`publisher`, :meth:`call`, whose functions may use all methods, and
+    :meth:`close`.
     """
 
     def __init__(

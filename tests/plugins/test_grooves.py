@@ -53,7 +53,7 @@ def walk(wi, roughness, value, reflectance, rng):
             valid = (toward < 0) & (height > 0) & (height < np.sin(tilt)) & (number != last) & (distance < best)
             best, hit = np.where(valid, distance, best), np.where(valid, number, hit)
         alive &= hit >= 0
-        if not alive.any():
+        if alive.mean() < 1e-4:
             break
         normal = np.where((hit == 0)[:, None], *normals)
         cos = -(direction * normal).sum(1)
@@ -85,7 +85,7 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
     for angle in (20, 70):
         wi = np.array([np.sin(np.radians(angle)), 0, np.cos(np.radians(angle))])
         wo, light = walk(wi, roughness, value, reflectance, rng)
-        light = np.where(wo[:, 2] > 0, light, 0)  # a few rays have not yet left the steepest grooves
+        light = np.where(wo[:, 2] > 0, light, 0)  # one ray in 10,000 has not yet left the steepest grooves
         bins = (
             np.clip((wo[:, 2] * 5).astype(int), 0, 4) * 6
             + np.floor(np.arctan2(wo[:, 1], wo[:, 0]) / np.pi * 3 + 3).astype(int) % 6

@@ -41,10 +41,12 @@ def rendered(description, seed=0):
     return image[..., :3], {name: np.stack([letters[f"{name}.{c}"] for c in "RGB"], -1) for name in found}
 
 
-@pytest.mark.parametrize(
-    "kind, bounces", [(kind, bounces) for kind in ("lights", "levels", "terms") for bounces in (0, 2, -1)][:-1]
-)
-@pytest.mark.parametrize("more", [{}, {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}])
+KINDS = ["lights", "levels", "terms"]
+MORE = {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
+SUMS = [(kind, bounces, {}) for kind in KINDS for bounces in (0, 2, -1)][:-1] + [(kind, 0, MORE) for kind in KINDS]
+
+
+@pytest.mark.parametrize("kind, bounces, more", SUMS)
 def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, kind, bounces, more):
     description = without(scene(GLASS, diffuse_bounces=bounces, **more), *["sky"] * bool(more))
     alone, _ = rendered(description)
@@ -54,7 +56,7 @@ def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, kind, bounce
     assert np.allclose(sum(parts.values()), image, atol=1e-5 * image.max())
 
 
-@pytest.mark.parametrize("kind", ["lights", "levels", "terms"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_sum_is_the_image_in_spectra_and_among_many_lamps(variant_spectral, kind):
     many = {f"lamp_{k}": LAMPS["point"] | {"position": [k - 3.0, 3.0, 2.0]} for k in range(6)}
     image, parts = rendered(scene(light=many | lamps(), layers=kind))
@@ -75,8 +77,7 @@ def test_the_layer_of_a_lamp_has_the_expectation_of_a_render_with_it_alone(varia
         assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3)
 
 
-@pytest.mark.parametrize("bounces", [0, 2, -1])
-@pytest.mark.parametrize("ball", [GLASS, {"type": "conductor"}], ids=["rough glass", "mirror"])
+@pytest.mark.parametrize("ball, bounces", [(GLASS, 0), (GLASS, 2), ({"type": "conductor"}, -1)], ids=str)
 def test_levels_up_to_one_are_the_image_with_that_max_level(variant_rgb, ball, bounces):
     _, parts = rendered(scene(ball, diffuse_bounces=bounces, layers="levels"))
     total = 0

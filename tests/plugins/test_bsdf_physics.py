@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import fresnel
-from scenes import only
+from scenes import grid, only
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian"}
@@ -171,6 +171,16 @@ def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
     if kind == "prosim_dielectric":
         bs, weight = bsdf.sample(only(TRANSMITTED), si, *uniform(50000, 4))
         assert dr.all(weight <= 1 / dr.square(bs.eta) * (1 + 1e-4), axis=None)
+
+
+def test_numbers_side_by_side_give_directions_side_by_side(variant_rgb):
+    """No choice between facets scatters what is stratified."""
+    bsdf, n = mi.load_dict({"type": "prosim_conductor", "alpha": 0.3}), 256
+    for angle in (0, 60):
+        si = curves.interaction(curves.direction(angle) + dr.zeros(mi.Vector3f, n * n))
+        wo = np.array(bsdf.sample(mi.BSDFContext(), si, mi.Float(0.5), grid(n))[0].wo).T.reshape(n, n, 3)
+        steps = np.linalg.norm(np.diff(wo, axis=0), axis=2)
+        assert steps[:, : n * 9 // 10].max() < 0.1
 
 
 def contexts(bsdf):

@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from drawing.curves import interaction
+from drawing.curves import direction, interaction
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
-from scenes import T, area, camera, film, load_scene, rectangle
+from scenes import T, area, camera, film, load_scene, only, rectangle
 from scipy import stats
 from test_waves import LUMINANCE, begun
 
@@ -106,6 +106,27 @@ def test_each_wavelength_follows_snells_law(colours, request):
     expected = deviation(i, prism, sellmeier("sf10", nm[channel[seen], np.flatnonzero(seen)]))
     assert np.ptp(expected) > 0.05
     assert np.abs(angle[seen] - expected).max() < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", (50, 130))
+@pytest.mark.parametrize("flags", (mi.BSDFFlags.All, mi.BSDFFlags.GlossyTransmission))
+def test_directions_have_their_density(variant_rgb, flags, angle):
+    """Chi² over the sphere; the index differs so much that the lobes of r, g and b lie apart."""
+    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_cauchy": "1.2, 0.08", "ext_ior": 1.0, "alpha": 0.25})
+    wi = direction(angle)
+    dr.eval(wi)
+
+    def sample(u):
+        si = interaction(wi + dr.zeros(mi.Vector3f, dr.width(u)))
+        bs, weight = bsdf.sample(only(flags), si, u[0], mi.Point2f(u[1], u[2]))
+        return bs.wo, dr.select((bs.pdf > 0) & dr.any(weight > 0), 1.0, 0.0)
+
+    def pdf(wo):
+        return bsdf.pdf(only(flags), interaction(wi + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
+
+    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, 3, sample_count=100000, res=101, ires=8)
+    assert test.run(0.01, test_count=4, quiet=True), test.messages
 
 
 @pytest.mark.slow

@@ -404,6 +404,14 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
 
 
 @pytest.mark.slow
+def test_uneven_counts_do_not_bias_the_filter(variant_rgb):
+    """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
+    even = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="none"), 40)
+    uneven = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="neighbours"), 40, first_seed=1000)
+    assert same_expectation(even, uneven)
+
+
+@pytest.mark.slow
 def test_error_channel_is_the_error(variant_rgb):
     """Between passes the standard error is estimated without bias: over 60 images it is the spread of the pixels."""
     images = renderings(penumbra(type="prosim", adaptive="none", jitter="uniform", aovs="error"), 60)

@@ -48,6 +48,16 @@ def test_the_expectation_is_that_of_volpath_with_the_camera_in_a_medium(variant_
 
 
 @pytest.mark.slow
+def test_the_expectation_is_that_of_path_through_a_thin_lens_and_in_a_crop(variant_rgb):
+    scene = penumbra(COPPER, rfilter="gaussian")
+    scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 5.0}
+    whole = renderings({**scene, "integrator": {"type": "path"}}, 16, spp=64)
+    scene["sensor"]["film"] |= {"crop_offset_x": 4, "crop_offset_y": 8, "crop_width": 24, "crop_height": 16}
+    crop = renderings({**scene, "integrator": adaptive("path")}, 16, first_seed=1000)
+    assert same_expectation(whole[:, 8:24, 4:28], crop)
+
+
+@pytest.mark.slow
 def test_the_expectation_is_that_of_path_in_spectral_variants(variant_spectral):
     assert compare(penumbra(COPPER), "path")
 

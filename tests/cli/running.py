@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -41,8 +40,6 @@ def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="n
 """
 
 
-#: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
-PATIENCE = 120
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 XML = scene_text()
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)
@@ -109,10 +106,3 @@ def metadata(path):
 
 def names(folder):
     return sorted(path.name for path in folder.iterdir())
-
-
-def until(is_true):
-    end = time.monotonic() + PATIENCE
-    while not is_true():
-        assert time.monotonic() < end
-        time.sleep(0.01)

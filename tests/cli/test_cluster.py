@@ -28,8 +28,9 @@ from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor, render
 from mitsuba_prosim.scene import scene_file, session
-from running import ADAPTIVE_PATH, LIT_FLOOR, PATIENCE, alike, done, prosim, refused, scene_text, until
+from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
+from waiting import PATIENCE, until
 
 PAGE = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 64, 48)

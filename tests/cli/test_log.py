@@ -12,8 +12,9 @@ import mitsuba as mi
 import pytest
 from mitsuba_prosim.cli.log import log
 from mitsuba_prosim.cli.progress import Progress
-from running import PALITO, PATIENCE, PIPES, until
+from running import PALITO, PIPES
 from tqdm import tqdm
+from waiting import PATIENCE, until
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
 #: main thread keeps the interpreter to itself until 9 lines are logged, but not for ever; prints their number.
@@ -140,7 +141,7 @@ def test_signal_at_any_moment_leaves_no_temporary_file(write_scene, tmp_path):
     scene, env = write_scene(PALITO.read_text("utf-8")), os.environ | {"TMPDIR": str(tmp_path / "tmp")}
     (tmp_path / "tmp").mkdir()
     rng, seconds = random.Random(1), 0.0
-    for number in (0, 0, *[signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL] * 4):
+    for number in (0, 0, *[signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL] * 3):
         started = time.monotonic()
         command = [*START, "render", scene, "--resolution", "24x24", "--samples", "2"]
         with subprocess.Popen(command, **PIPES, env=env) as process:

@@ -14,7 +14,8 @@ import pytest
 from mitsuba_prosim import registry
 from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
 from mitsuba_prosim.stock_command import hosted, stand_ins
-from running import CONSTANT, PATIENCE, compiled, scene_text
+from running import CONSTANT, compiled, scene_text
+from waiting import PATIENCE
 
 BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
 

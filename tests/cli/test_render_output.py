@@ -17,7 +17,8 @@ from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering, session
-from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, pixels, prosim, refused, scene_text, until
+from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, pixels, prosim, refused, scene_text
+from waiting import until
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mitsuba_prosim.cli import tev
 from mitsuba_prosim.scene import throttle
-from running import PATIENCE, done, pixels, refused
+from running import done, pixels, refused
+from waiting import PATIENCE
 
 tevclient = pytest.importorskip("tevclient", reason="tevclient is not installed (it needs Python 3.11)")
 

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from contextlib import contextmanager
 from urllib.parse import urlsplit
 
@@ -16,9 +15,7 @@ import numpy as np
 from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
-
-#: How long anything may take on a machine with other work, in seconds; no test waits so long that succeeds.
-PATIENCE = 120
+from waiting import PATIENCE, until
 
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -162,10 +159,3 @@ def surface_at(viewer, x, y):
 def is_(viewer, doing, opened=1):
     """Waits for a status of the viewer, which has opened the scene so many times, or more often."""
     until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened >= opened)
-
-
-def until(condition):
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, "nothing came of it"
-        time.sleep(0.005)

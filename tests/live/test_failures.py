@@ -1,9 +1,10 @@
 """What goes wrong after a scene was opened, and in telling it: the page stays, and the next save is awaited."""
 
 import pytest
-from little import PATIENCE, change, is_, move, running, save, surface_at, until
+from little import change, is_, move, running, save, surface_at
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.scene.background import with_background_emitter
+from waiting import PATIENCE, until
 
 pytestmark = pytest.mark.slow
 

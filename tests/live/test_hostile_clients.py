@@ -11,8 +11,9 @@ from contextlib import suppress
 from urllib.parse import urlsplit
 
 import pytest
-from little import LITTLE, PATIENCE, ask, state_when, until, watching
+from little import LITTLE, ask, state_when, watching
 from mitsuba_prosim.live import scene_watcher
+from waiting import PATIENCE, until
 
 pytestmark = pytest.mark.slow
 

@@ -4,8 +4,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from little import BROWSER, LITTLE, ask, opened, shown, state_when, until, watching
+from little import BROWSER, LITTLE, ask, opened, shown, state_when, watching
 from prosim_start import group
+from waiting import until
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,8 @@ import signal
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import BROWSER, LITTLE, new_page, opened, shown, until, watching
+from little import BROWSER, LITTLE, new_page, opened, shown, watching
+from waiting import until
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
 

@@ -6,8 +6,9 @@ from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from little import PATIENCE, ask, state_when, watching
+from little import ask, state_when, watching
 from prosim_start import group
+from waiting import PATIENCE
 
 pytestmark = pytest.mark.slow
 

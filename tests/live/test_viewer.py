@@ -8,13 +8,14 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE, PATIENCE, change, is_, move, running, save, surface_at, until
+from little import LITTLE, change, is_, move, running, save, surface_at
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene import throttle
 from mitsuba_prosim.scene.scene_file import SceneFile
+from waiting import PATIENCE, until
 
 pytestmark = pytest.mark.slow
 

@@ -15,6 +15,7 @@ from pygls.exceptions import JsonRpcException
 from pygls.protocol import default_converter
 from pytest_lsp.client import DEFAULT_CLIENT_FEATURES, register_lsp_features
 from test_editor import SCENE
+from waiting import PATIENCE
 
 URI = "file:///nowhere/scene.scn"
 DOCUMENT = lsp.TextDocumentIdentifier(URI)
@@ -56,7 +57,7 @@ async def opened(editor, text, uri=URI):
 
 async def told(editor, version, times=1):
     """What is published for a version of a text, once or several times."""
-    for _ in range(6000):
+    for _ in range(200 * PATIENCE):
         found = [one.diagnostics for one in editor.published if one.version == version]
         if len(found) >= times:
             return found[times - 1]
@@ -121,7 +122,7 @@ async def test_server_answers_while_a_tree_is_evaluated(editor):
     assert "the radius" in hover.contents.value
     assert evaluating[0].is_running()
     assert len(await typed(editor, "x " + text)) == 1
-    psutil.wait_procs(evaluating, 30)  # it ends, because its text has changed
+    psutil.wait_procs(evaluating, PATIENCE)  # it ends, because its text has changed
     assert not evaluating[0].is_running()
 
 

@@ -3,7 +3,7 @@ the user names may be a link.
 """
 
 import pytest
-from running import done, names, prosim, refused, scene_text
+from running import done, names, refused, scene_text
 
 LAYERS = scene_text('<integrator type="prosim"/>', width=8, height=8)
 
@@ -83,9 +83,3 @@ def test_link_to_a_missing_folder_is_found_before_the_render(scene, monkeypatch)
     scene.with_name("out").symlink_to("nowhere")
     for output in "out/a", "out/b/a":
         refused("this is a link that leads to no folder", "render", scene, "-o", scene.parent / output)
-
-
-def test_format_names_the_file_to_which_a_link_leads(palito):
-    palito.write_text("\n\n\n" + palito.read_text())
-    (link := palito.with_name("link.scn")).symlink_to(palito)
-    assert f"{link}, a link to {palito}: tidied" in prosim("format", link).stdout

@@ -130,7 +130,7 @@ async def test_server_answers_while_a_tree_is_evaluated(editor):
 async def test_an_evaluation_ends_without_its_parent():
     scene = pickle.dumps((crowded(), "s.scn", 0.5))
     command = [sys.executable, "-c", "from prosim_scene.editor.evaluation import main; main()"]
-    done = subprocess.run(command, check=False, input=scene, capture_output=True, timeout=40)
+    done = subprocess.run(command, check=False, input=scene, capture_output=True, timeout=PATIENCE)
     assert done.returncode == 1 and not done.stdout and not done.stderr
 
 

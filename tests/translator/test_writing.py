@@ -14,6 +14,7 @@ import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneError, writer
+from waiting import PATIENCE
 
 SCENE = """LIGHTS POINT position 0 5 5
 VIEW OBS 0 0 9 VRP 0 0 0
@@ -130,7 +131,8 @@ def test_killed_at_any_step_the_xml_keeps_its_meshes(scene, after):
     before = everything(scene.parent)
     scene.write_text(SCENE.format(2).replace("TRANSFORM 0", "TRANSFORM 0 TRANSLATE (0 .5 0)"))
     command = [sys.executable, "-W", "ignore", "-c", KILLED, scene, str(after)]
-    assert subprocess.run(command, check=False, timeout=60).returncode == (9 if after < 3 else 0)  # two meshes, the XML
+    ended = subprocess.run(command, check=False, timeout=PATIENCE).returncode
+    assert ended == (9 if after < 3 else 0)  # two meshes, the XML
     if after < 3:
         now = everything(scene.parent)
         assert all(now[name] == before[name] for name in [*named(xml), "s.xml"])

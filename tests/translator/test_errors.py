@@ -7,6 +7,8 @@ import pytest
 from prosim_scene import SceneError, SceneWarning
 from prosim_scene.language.analysis import SIZE_LIMIT
 
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
 MINIMAL = """NAME: x
 LIGHTS POINT position 0 5 5 Intensity 60000 60000 60000
 VIEW OBS 0 0 9 VRP 0 0 0
@@ -155,7 +157,6 @@ WRONG = [
 
 
 @pytest.mark.parametrize("number, line, column, code, suggested", WRONG)
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_wrong_input(number, line, column, code, suggested, write_scene):
     text = with_line(number, line)
     path = write_scene(text)
@@ -221,7 +222,6 @@ PORTUGUESE = "LUZES EXTENSA posição 0 9 9 VISTA CSG CUBO 0 SUPERFICIE 0 {} TRA
         (PORTUGUESE.format("material dieletrico x"), "expected bk7, .*, diamante, zirconia, agua or n-refr"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_messages_have_the_words_of_the_scene(write_scene, text, words):
     with pytest.raises(SceneError, match=words):
         prosim_scene.check(write_scene(text.replace("{}", "kd = .5")))
@@ -250,7 +250,6 @@ def test_a_file_that_cannot_be_read_is_a_scene_error(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize(
     "text, words",
     [
@@ -323,7 +322,6 @@ def test_encodings(tmp_path):
         ({1: "DEFAULT $x = (1", 3: "VIEW OBS 0 0 $x"}, ["unclosed"]),
     ],
 )
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_errors_are_reported_together_without_their_consequences(lines, codes):
     text = MINIMAL.splitlines()
     for number, line in lines.items():

@@ -8,6 +8,8 @@ import numpy as np
 import prosim_scene
 import pytest
 
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
 SCENE = "LIGHTS POINT position 0 0 9 CSG-TREE SPHERE 0 SURFACE 0 {} TRANSFORM 0 END"
 MATERIALS = {
     "conductor": "material conductor silver",
@@ -36,7 +38,6 @@ def median_angle(bsdf):
     return math.degrees(math.acos(np.median(cos)))
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 @pytest.mark.parametrize(
     "roughness, cos_facet",  # the median facet, as the cosine of its angle to the normal
@@ -100,7 +101,6 @@ BRIGHT = "TEXTURE t-a stripes color0 = 2 1 1 color1 = 0 0 0 "
         ("llvm_ad_spectral", "kd = .5", "NULL t-a"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_ka_above_1_keeps_its_light(variant, write_scene, tmp_path, material, slots):
     """ka = 3 is as bright as ka = 1 in three times the ambient light, with any textures; before, ka ended at 1."""
     mi.set_variant(variant)
@@ -170,7 +170,6 @@ def test_method_reaches_integrator_and_materials(variant_rgb, write_scene, recwa
         ("METHOD", ""),
     ],
 )
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_method_has_words_in_english_and_portuguese(english, portuguese):
     scene, other = (prosim_scene.parse(f"{text} END", "s") for text in (english, portuguese))
     assert scene == other == prosim_scene.parse(prosim_scene.format(f"{english} END"), "s")

@@ -11,6 +11,8 @@ import numpy as np
 import prosim_scene
 import pytest
 
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 EVERYTHING = """
@@ -67,7 +69,6 @@ def silent(variant_rgb):
     logger.set_error_level(level)
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target, units", [("prosim", "calibrated"), ("stock", "radiance")])
 def test_mitsuba_loads_the_xml_and_the_same_dictionary_without_a_warning(silent, everything, target, units, tmp_path):
     how = {"target": target, "light_units": units, "tolerance": 0.5}
@@ -89,7 +90,6 @@ def test_mitsuba_loads_the_xml_and_the_same_dictionary_without_a_warning(silent,
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_image_of_all_words_is_finite(silent, everything, target):
     image = np.array(mi.render(mi.load_dict(prosim_scene.load(everything, target=target, tolerance=0.5)), spp=4))
@@ -194,7 +194,6 @@ def test_a_radius_without_effect_is_a_warning(write_scene, recwarn, units, targe
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_both_targets_are_comparably_bright(variant_rgb):
     means = []
     for target in ("prosim", "stock"):

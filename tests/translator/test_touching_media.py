@@ -16,6 +16,8 @@ from prosim_scene.language.words import GLASSES, INDICES
 from prosim_scene.mitsuba import assemble
 from prosim_scene.model import Leaf
 
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+
 METAL = "metal"
 GLASS, WATER = (f"material dieletrico n-refr = {n}" for n in (1.5, 1.33))
 
@@ -90,14 +92,11 @@ def exists(read, inside, medium):
     return medium in stack.pop()
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
-@pytest.mark.parametrize(
-    "kind",
-    [
-        *("grid", "turned_grid", "grid of one glass", "turned_grid of one glass", "grid with metal"),
-        *("chains", "general", "same_quadric", "nested", "rings_and_stumps", "slices", "turned_half_spaces"),
-    ],
-)
+KINDS = "grid,turned_grid,grid of one glass,turned_grid of one glass,grid with metal,chains,general,same_quadric,"
+KINDS += "nested,rings_and_stumps,slices,turned_half_spaces"
+
+
+@pytest.mark.parametrize("kind", KINDS.split(","))
 def test_every_face_leads_from_one_medium_to_the_next(kind):
     compared = {False: 0, True: 0}
     for seed in range(2):
@@ -136,7 +135,6 @@ def shapes_of(path, target="prosim"):
     return [x for x in prosim_scene.load(path, target=target).values() if isinstance(x, dict) and "bsdf" in x]
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize("target", ["prosim", "stock"])
 def test_faces_say_the_indices_on_both_sides(write_scene, target):
     shapes = shapes_of(write_scene(TUMBLER), target)
@@ -151,7 +149,6 @@ def test_faces_say_the_indices_on_both_sides(write_scene, target):
     assert "alpha" not in between and "rough" not in between["type"]
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_a_face_knows_what_absorbs_and_disperses_on_both_sides(variant_rgb, write_scene):
     # Bottle glass by its name, and red water in it.
     red = WATER + " transmitancia = 0.9 0.2 0.2"
@@ -172,7 +169,6 @@ SPOON = "material condutor n-refr = 1.2 k-abs = 3"
 BATH = scene("+ CYLINDER 0 CUBE 1", ["SCALE (.5 .5 4)", "SCALE (8 8 2) TRANSLATE (-4 -4 -1)"], [SPOON, WATER])
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_opaque_solids_are_divided_by_the_medium_around_them(write_scene):
     meshes = solids(BATH, 0.02)
     wet, dry = meshes[0, 1], meshes[0]
@@ -261,7 +257,6 @@ def test_glass_is_said_by_name_or_abbe_number(glass):
         assert ball(glass("agua"), target="stock")["bsdf"]["int_ior"] == INDICES["water"]
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 def test_medium_transmits_the_given_share_after_the_thickness(glass):
     path = glass("n-refr = 1.5 transmitancia = .25 1 .5 espessura = 2")
     for target in ("prosim", "stock"):
@@ -274,7 +269,6 @@ def test_medium_transmits_the_given_share_after_the_thickness(glass):
     assert "interior" not in ball(glass("n-refr = 1.5 transmitancia = 1"))
 
 
-@pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 @pytest.mark.parametrize(
     "tree, eye, length",
     [("SPHERE 0", 9, 2), ("- SPHERE 0 SPHERE 1", 9, 1.2), ("SPHERE 0", 0.5, 1.5), ("+ SPHERE 0 CYLINDER 2", 9, 1)],

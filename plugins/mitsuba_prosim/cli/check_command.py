@@ -19,34 +19,19 @@ AXES = dict.fromkeys(
     ("bsdf", "emitter", "phase"), "; down: cosine of the polar angle, right: azimuth from -180° to 180°"
 )
 
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
 
 @click.command(cls=Command)
 @click.argument("plugin")
 @option(
-    "Scene",
-    "--parameter",
-    "-p",
-    "parameters",
-    type=DEFINITION,
-    multiple=True,
-    help="Parameter of the plugin, such as alpha=0.2 or reflectance=0.2,0.3,0.5; may be repeated.",
+    "Scene", "-p", "--parameter", "parameters", type=DEFINITION, multiple=True, help="Such as alpha=0.2; repeatable."
 )
 @option(
-    "Scene",
-    "--import",
-    "modules",
-    multiple=True,
-    metavar="MODULE",
-    help="Module or .py file that registers plugins; may be repeated.",
+    "Scene", "--import", "modules", multiple=True, metavar="MODULE", help="Module or .py file with plugins; repeatable."
 )
 @option("Output", "--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@option(
-    "Output",
-    "--pictures",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=".",
-    help="Folder for pictures of failed tests.",
-)
+@option("Output", "--pictures", type=FOLDER, default=".", help="Folder for pictures of failed tests.")
 @job_options("variant")
 def check(
     job: Job,

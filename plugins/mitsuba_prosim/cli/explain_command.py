@@ -7,10 +7,10 @@ import click
 from . import files
 from .files import SCENE_FILE
 from .job import Command, Job, job_options, refuse_scalar
-from .option_types import PatternType, input_errors, option
+from .option_types import PatternType, input_errors, integers, option
 from .render_task import Resources
 
-PIXEL = PatternType("X,Y", "120,80", r"(\d+),(\d+)", lambda *numbers: tuple(map(int, numbers)))
+PIXEL = PatternType("X,Y", "120,80", r"(\d+),(\d+)", integers)
 
 
 @click.command(cls=Command)

@@ -85,12 +85,10 @@ def image_stem(path: Path) -> Path:
 
 def quoted_path(path: Path) -> str:
     """Returns the path as an argument of a shell command; for a part of an image, a pattern for all its parts."""
-    match = STATE_SUFFIXES.search(path.name)
-    return (
-        f"{shlex.quote(str(image_stem(path)))}.*-of-{match['of']}.npz"
-        if match and match["of"]
-        else shlex.quote(str(path))
-    )
+    part = STATE_SUFFIXES.search(path.name)
+    if part and part["of"]:
+        return f"{shlex.quote(str(image_stem(path)))}.*-of-{part['of']}.npz"
+    return shlex.quote(str(path))
 
 
 def kind(path: Path) -> str:

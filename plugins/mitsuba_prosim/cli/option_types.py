@@ -86,10 +86,14 @@ class Number(click.FloatRange):
         return number
 
 
+def integers(*texts: str) -> tuple[int, ...]:
+    """Converts texts to integers."""
+    return tuple(map(int, texts))
+
+
 def _resolution(*size: str) -> tuple[int, ...]:
-    width, height = map(int, size)
-    overrides.check_size(width, height)
-    return width, height
+    overrides.check_size(*integers(*size))
+    return integers(*size)
 
 
 def _frames(begin: str, end: str | None, step: str | None) -> range:
@@ -116,12 +120,7 @@ def _roots(text: str) -> tuple[int, ...]:
 
 
 RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
-CROP = PatternType(
-    "X,Y,W,H",
-    "10,20,64,48, with W and H above 0",
-    r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)",
-    lambda *numbers: tuple(map(int, numbers)),
-)
+CROP = PatternType("X,Y,W,H", "10,20,64,48", r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)", integers)
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
 SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
@@ -134,9 +133,7 @@ VIEWER = PatternType(
     lambda host, port: (host or TEV_HOST, int(port or TEV_PORT)),
 )
 #: The port is required, because Dask would wait for ever for a scheduler without a port.
-ADDRESS = PatternType(
-    "ADDRESS", "tcp://machine:8786, which `dask scheduler` prints", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str
-)
+ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)
 
 
 # ---------------------------------------------------------------- groups of the help

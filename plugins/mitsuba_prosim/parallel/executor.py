@@ -144,9 +144,8 @@ class DaskExecutor(Executor):
             return True
         if before - self._workers:
             left = len(before & self._workers) or "none"
-            warnings.warn(
-                f"a worker was lost, {left} left; others do its work, and the image stays the same", stacklevel=2
-            )
+            words = f"a worker was lost, {left} left; others do its work, and the image stays the same"
+            warnings.warn(words, stacklevel=2)
         if not self._workers and now - self._begun > WARNING_DELAY:
             warnings.warn("the cluster has no workers yet; the render begins when there are some", stacklevel=2)
         return False

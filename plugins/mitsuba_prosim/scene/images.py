@@ -94,11 +94,10 @@ def is_whole(content: bytes) -> bool | None:
     """Tells whether the ``content`` of an EXR file agrees with its checksum, so that each bit is that of :func:`exr`;
     None if the file has no checksum, so that another program has written it.
     """
-    stored = STORED.search(content)
-    return (
-        stored
-        and checksum(content[: stored.start(1)] + UNKNOWN.encode() + content[stored.end(1) :]).encode() == stored[1]
-    )
+    if (stored := STORED.search(content)) is None:
+        return None
+    unsigned = content[: stored.start(1)] + UNKNOWN.encode() + content[stored.end(1) :]
+    return checksum(unsigned).encode() == stored[1]
 
 
 def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from urllib.parse import urlsplit
 
 import numpy as np
+import pytest
 from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
@@ -41,9 +42,11 @@ def watching(scene, *options, start=("-m", "prosim_start")):
     command = [sys.executable, *start, "watch", str(scene), "--no-browser", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1) as process:
         try:
-            assert select.select([process.stdout], [], [], PATIENCE)[0], "no address was printed"
-            line = process.stdout.readline()
-            assert " is shown at http://127.0.0.1:" in line, line + process.stderr.read()
+            written = select.select([process.stdout], [], [], PATIENCE)[0]
+            line = process.stdout.readline() if written else "no address was printed"
+            if " is shown at http://127.0.0.1:" not in line:
+                process.kill()  # otherwise there is no end of what it says
+                pytest.fail(line + process.stderr.read())
             yield process, line.split(" at ")[1].split()[0]
         finally:
             process.send_signal(signal.SIGINT)

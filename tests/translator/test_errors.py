@@ -268,13 +268,6 @@ def test_monstrous_input_ends_soon_with_a_short_message(text, words):
     assert len(str(error.value)) < 2000
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("tree", ["+ " * 30_000 + "CUBE 0 " * 30_001, "- CUBE 0 " * 30_000 + "CUBE 0"])
-def test_a_tree_of_30000_levels(tree):
-    scene = prosim_scene.parse(with_line(4, "CSG-TREE " + tree))
-    assert len(scene.csg) == 60_001 and len(repr(scene)) > 60_001
-
-
 def test_images_are_read_in_the_scenes_folder_only(tmp_path):
     (tmp_path / "scene").mkdir()
     (tmp_path / "outside.png").write_bytes(b"\x89PNG\r\n\x1a\n")

@@ -30,7 +30,7 @@ from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskE
 from mitsuba_prosim.scene import scene_file, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
-from waiting import PATIENCE, until
+from waiting import PATIENCE, started, until
 
 PAGE = (Path(__file__).parents[2] / "docs" / "anywhere.md").read_text("utf-8")
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 64, 48)
@@ -146,10 +146,11 @@ def test_workers_leave_no_temporary_file(lamp, tmp_path, killed):
     """Neither at the end nor when the process is killed."""
     (folder := tmp_path / "tmp").mkdir()
     command = [sys.executable, "-m", "prosim_start", "render", lamp, "--workers", "2", *["--noise", "1e-9"] * killed]
-    with subprocess.Popen(command, env=os.environ | {"TMPDIR": str(folder)}) as process:
+    with started(command, env=os.environ | {"TMPDIR": str(folder)}) as process:
         if killed:
             until(lambda: any(folder.glob("*/dask-scratch-space/worker-*")))
             process.kill()
+        process.wait(PATIENCE)
     assert process.returncode == (-signal.SIGKILL if killed else 0)
     until(lambda: not os.listdir(folder))
 
@@ -283,7 +284,7 @@ def test_two_renders_on_one_cluster(client, lamp):
     command = [sys.executable, "-m", "prosim_start", *options, lamp.parent / "a"]
     crop = {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}
     environ = os.environ | {"DASK_INTERNAL_INHERIT_CONFIG": dask.config.serialize(dask.config.config)}
-    with subprocess.Popen([*command, "--cluster", client.scheduler.address], env=environ) as process:
+    with started([*command, "--cluster", client.scheduler.address], env=environ) as process:
         image = np.array(render(lamp, client=client, seed=2, **crop))
         assert process.wait(PATIENCE) == 0
     assert np.array_equal(image, here(lamp, **crop))
@@ -331,7 +332,7 @@ def test_lost_scheduler_keeps_the_image_so_far(lamp, monkeypatch):
     """The image so far is written, and its state, which goes on to the same bytes."""
     folder, keep = lamp.parent, CheckpointWriter.__call__
     aim = ["--noise", 0.01]
-    with subprocess.Popen([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
+    with started([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
         def killing(self, render):
             if render.counts().any():

@@ -14,7 +14,7 @@ from mitsuba_prosim.cli.log import log
 from mitsuba_prosim.cli.progress import Progress
 from running import PALITO, PIPES
 from tqdm import tqdm
-from waiting import PATIENCE, until
+from waiting import PATIENCE, started, until
 
 #: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
 #: main thread keeps the interpreter to itself until 9 lines are logged, but not for ever; prints their number.
@@ -108,10 +108,10 @@ def test_ctrl_c_at_the_start_ends_the_process(tmp_path):
     env = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     for waiting in "time.sleep(60)", "ctypes.CDLL(None).sleep(60)":
         (slow / "__init__.py").write_text(f"import ctypes, time; print('importing', flush=True); {waiting}")
-        with subprocess.Popen([*START, "doctor"], **PIPES, env=env) as process:
+        with started([*START, "doctor"], **PIPES, env=env) as process:
             assert process.stdout.readline() == b"importing\n"
             process.send_signal(signal.SIGINT)
-            said = process.stderr.read()
+            _, said = process.communicate(timeout=PATIENCE)
         assert process.returncode == -signal.SIGINT and said == b""  # 130 in a shell
 
 
@@ -142,14 +142,14 @@ def test_signal_at_any_moment_leaves_no_temporary_file(write_scene, tmp_path):
     (tmp_path / "tmp").mkdir()
     rng, seconds = random.Random(1), 0.0
     for number in (0, 0, *[signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL] * 3):
-        started = time.monotonic()
+        begun = time.monotonic()
         command = [*START, "render", scene, "--resolution", "24x24", "--samples", "2"]
-        with subprocess.Popen(command, **PIPES, env=env) as process:
+        with started(command, **PIPES, env=env) as process:
             if number:
                 time.sleep(rng.uniform(0, seconds))
                 process.send_signal(number)
-            _, said = process.communicate()
-        seconds = seconds if number else time.monotonic() - started
+            _, said = process.communicate(timeout=PATIENCE)
+        seconds = seconds if number else time.monotonic() - begun
         until(lambda: not os.listdir(tmp_path / "tmp"))  # the guard deletes the folder
         assert b"Traceback" not in said.replace(b"KeyboardInterrupt", b""), number
         files = {path.name for path in tmp_path.iterdir()} - {"tmp", "s.scn"}

@@ -15,7 +15,7 @@ from mitsuba_prosim import registry
 from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
 from mitsuba_prosim.stock_command import hosted, stand_ins
 from running import CONSTANT, compiled, scene_text
-from waiting import PATIENCE
+from waiting import PATIENCE, started
 
 BITMAP = '<texture name="reflectance" type="bitmap"><string name="filename" value="wood.png"/></texture>'
 
@@ -196,7 +196,7 @@ def test_plugins_of_another_package_and_the_end_of_the_launcher(tmp_path, plugin
     done = mitsuba(tmp_path, scene, PYTHONPATH=path)
     assert done.returncode == 0 and (tmp_path / "scene.exr").exists(), done.stderr
     command, env = [COMMAND, "-m", "scalar_rgb", scene.name], os.environ | {"PYTHONPATH": path, "SLEEP": "1000"}
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=env) as launcher:
+    with started(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=env) as launcher:
         renderer = next(int(line.split()[1]) for line in launcher.stdout if line.startswith("process"))
         assert renderer != launcher.pid
         launcher.terminate()
@@ -211,7 +211,7 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene = write(tmp_path, "scene.xml", width=512, height=512, spp=4096)
     program = Path(mi.__file__).with_name("mitsuba")
-    with subprocess.Popen([program, "-m", "scalar_rgb", scene], stdout=subprocess.PIPE) as process:
+    with started([program, "-m", "scalar_rgb", scene], stdout=subprocess.PIPE) as process:
         next(line for line in process.stdout if b"Starting render job" in line)
         time.sleep(0.2)
         process.send_signal(signal.SIGINT)

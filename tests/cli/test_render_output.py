@@ -5,7 +5,6 @@ import math
 import os
 import re
 import signal
-import subprocess
 import sys
 from contextlib import ExitStack
 
@@ -18,7 +17,7 @@ from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, pixels, prosim, refused, scene_text
-from waiting import until
+from waiting import started, until
 
 
 @pytest.mark.parametrize(
@@ -165,7 +164,7 @@ def test_a_signal_is_heard_while_mitsubas_own_integrator_renders(scene):
     """It holds up Python's signal handlers until it is done, which would take minutes."""
     scene.write_text(scene_text(width=512, height=512, sampler="independent", spp=65536))
     command = [sys.executable, "-m", "prosim_start", "render", scene, "-m", "scalar_rgb", "-v"]
-    with subprocess.Popen(command, **PIPES) as process:
+    with started(command, **PIPES) as process:
         next(line for line in process.stderr if b"Starting render job" in line)
         process.send_signal(signal.SIGTERM)
         until(lambda: process.poll() is not None)
@@ -252,7 +251,7 @@ OFTEN = """if True:
 def test_a_signal_is_heard_in_a_long_pass(scene):
     scene.write_text(scene_text(content=LIT_FLOOR, width=512, height=512, spp=65536))
     command = [sys.executable, "-c", OFTEN, "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"]
-    with subprocess.Popen(command, **PIPES) as process:
+    with started(command, **PIPES) as process:
         until(scene.with_suffix(".state.npz").exists)  # it is at work, and has kept what there is
         process.send_signal(signal.SIGINT)
         until(lambda: process.poll() is not None)

@@ -16,7 +16,7 @@ import pytest
 from mitsuba_prosim.live.loaded_scene import LoadedScene
 from mitsuba_prosim.live.viewer import Viewer
 from mitsuba_prosim.scene.scene_file import SceneFile
-from waiting import PATIENCE, until
+from waiting import PATIENCE, started, until
 
 #: Its path; None where there is none.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -40,7 +40,7 @@ END
 def watching(scene, *options, start=("-m", "prosim_start")):
     """The process, and the address of its page."""
     command = [sys.executable, *start, "watch", str(scene), "--no-browser", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1) as process:
+    with started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1) as process:
         try:
             written = select.select([process.stdout], [], [], PATIENCE)[0]
             line = process.stdout.readline() if written else "no address was printed"
@@ -50,10 +50,7 @@ def watching(scene, *options, start=("-m", "prosim_start")):
             yield process, line.split(" at ")[1].split()[0]
         finally:
             process.send_signal(signal.SIGINT)
-            try:
-                process.wait(PATIENCE)
-            finally:
-                process.kill()
+            process.wait(PATIENCE)
 
 
 def ask(address, path="", method="GET", **headers):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import pytest
 from running import LIT_FLOOR, XML, done, refused, scene_text
@@ -14,11 +15,13 @@ def data_of(page):
     return json.loads(text)
 
 
-def test_page_holds_the_data_of_the_pixel(write_scene, tmp_path):
+def test_page_holds_the_data_of_the_pixel(write_scene, tmp_path, monkeypatch):
     path = write_scene(scene_text(PROSIM, LIT_FLOOR, 16, 12), "<script><!--.xml")
+    monkeypatch.setattr(sys, "argv", ["/bin/prosim", "explain", "a b.xml"])
     done("explain", path, "--pixel", "5,6", "--spp", "12", "-o", tmp_path / "out.html", "-m", "llvm_ad_rgb")
     data = data_of(tmp_path / "out.html")
     assert (data["name"], data["pixel"], data["size"]) == ("<script><!--.xml", [5, 6], [16, 12])
+    assert data["command"] == "prosim explain 'a b.xml'"
     assert len(data["values"]) == 12 and data["trees"][0]["sample"] == data["sample"]
     assert len(data["trees"]) >= 9 and data["image"].startswith("data:image/jpeg")
     for tree in data["trees"]:

@@ -19,7 +19,9 @@ def file(request, tmp_path_factory):
     scene.write_text(MIRROR)
     size = {"resolution": (64, 48 if request.param == "perspective" else 30)}
     page = folder / "page.html"
-    page.write_text(explanation.page(SceneFile(scene, folder, **size), pixel=(20, 26), spp=16), "utf-8")
+    page.write_text(
+        explanation.page(SceneFile(scene, folder, **size), command="prosim explain", pixel=(20, 26), spp=16), "utf-8"
+    )
     return page
 
 
@@ -33,6 +35,8 @@ def page(request, browser, file):
 def test_page_fits_and_says_what_it_shows(page):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert page.text_content("h1") == "Pixel 20, 26 of little.scn"
+    assert page.text_content("#command") == "prosim explain" and " pixels" in page.text_content("#sum")
+    assert page.evaluate("Math.min(...[...document.querySelectorAll('#list button')].map(b => b.offsetHeight))") >= 44
     assert "of 16 samples make 90 %" in page.text_content("#error")
     assert page.get_attribute("#tree [aria-pressed=true]", "data-number") == page.text_content("#node td").split(",")[0]
     page.focus("#tree [data-number='1']")
@@ -50,13 +54,25 @@ def test_first_point_is_projected_into_the_pixel(page):
 
 def test_keyboard_chooses_samples_and_nodes(page):
     other = page.evaluate("data.trees[2].sample")
-    page.focus(f"#bars [aria-label^='Sample {other}:']")
+    button = page.locator("#list button", has_text=f"sample {other}:")
+    button.focus()
     page.keyboard.press("Enter")
-    assert page.text_content("#sample").startswith(f"{other}: ")
+    assert page.text_content("#sample").startswith(f"sample {other}: ") and page.text_content("#list :focus")
+    # A choice scrolls to the tree.
+    assert page.evaluate("find('tree').getBoundingClientRect().bottom <= innerHeight + 1")
     assert page.locator("#tree [role=button]").count() == page.evaluate("tree.nodes.length") > 1
     page.locator("#tree [role=button]").last.focus()
     page.keyboard.press("Space")
-    assert page.text_content("#node td").startswith(f"{page.evaluate('tree.nodes.at(-1).number')}, from node 1")
+    assert page.text_content("#node td").startswith(f"{page.evaluate('tree.nodes.length')}, from node ")
+
+
+def test_brightest_further_sample_is_shown_like_a_sample(page):
+    """The page of a copy of the data, in which another tree is that of a further sample."""
+    page.evaluate("data.trees[1].sample = data.values.length; showAll()")
+    page.locator("#list button", has_text="the brightest further sample: ").click()
+    assert page.evaluate("tree === data.trees[1]") and page.locator("#patterns [fill=none]").count() == 0
+    light = page.evaluate("list(total(tree.nodes))")
+    assert page.text_content("#sample") == f"the brightest further sample: {light}"
 
 
 def test_view_from_outside_turns_by_mouse_and_keys(page):

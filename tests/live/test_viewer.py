@@ -188,7 +188,7 @@ def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, mon
             assert state.not_compared and state.integrator == "path" and state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.watcher.stamps.keys()
             before = final(viewer)
-            assert surface_at(viewer, 7, 5) == "ball, scene.xml, line 5"
+            assert surface_at(viewer, 7, 5) == "scene.xml, line 5 (ball)"
             move(viewer, lambda camera: camera.panned(0.3, 0))
             assert "<matrix" in viewer.publisher.state.view
             assert not np.array_equal(final(viewer), before)

@@ -8,9 +8,10 @@ import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
 import pytest
-from mitsuba_prosim.explaining import explanation_page, page_data, recorder
-from mitsuba_prosim.explaining.explanation import Samples
-from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, without
+from mitsuba_prosim.explaining import explanation_page, recorder
+from mitsuba_prosim.explaining.explanation import Samples, places
+from mitsuba_prosim.scene.scene_file import SceneFile
+from scenes import COPPER, T, area, bitmap, diffuse, penumbra, rectangle, rgb, sphere_lamp, without
 
 SIZE, SPP, SEED = 16, 8, 5
 GLASS = {"type": "roughdielectric", "alpha": 0.1}
@@ -63,7 +64,7 @@ def check_sums(scene, *where):
     image = np.array(mi.render(scene, spp=SPP, seed=SEED))[..., :3]
     lit = 0
     for x, y in where or pixels(2):
-        samples = Samples.of(scene, (x, y), SPP, seed=SEED)
+        samples = Samples(scene, (x, y), SPP, seed=SEED)
         assert samples.values.mean(axis=0) == pytest.approx(image[y, x], rel=1e-5, abs=1e-7)
         for i, value in enumerate(samples.values):
             nodes = samples.recorder.nodes(i)
@@ -126,7 +127,7 @@ def test_occluders_are_what_rays_meet(variant_rgb, name):
                 ray = mi.Ray3f(mi.Point3f(*node.position) + 1e-3 * d, d)
                 si = scene.ray_intersect(ray)
                 blocked = bool((si.is_valid() & (si.t < distance * (1 - 1e-3) - 2e-3))[0])
-                if lamp.state != "dark":
+                if lamp.state in ("visible", "hidden"):
                     states.append(lamp.state)
                     assert blocked == (lamp.state == "hidden")
                 if blocked and lamp.state == "hidden":
@@ -182,7 +183,7 @@ def test_kernels_do_not_depend_on_the_number_of_lamps(variant_rgb):
     for count in (6, 300):
         scene = with_lamps(count)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
-            samples = Samples.of(scene, (8, 8), SPP)
+            samples = Samples(scene, (8, 8), SPP)
             launches.append(len([one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]))
     assert launches[0] == launches[1]
     node = samples.explanation().nodes[0]
@@ -199,15 +200,22 @@ def test_tables_grow_for_many_rays(variant_rgb, monkeypatch):
     assert mitsuba_prosim.explain(scene, (9, 8), spp=SPP).nodes == expected.nodes and len(expected.nodes) > 3
 
 
-def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene):
+def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene, tmp_path):
     path = write_scene(
         "LIGHTS AREA position 0 5 5 intensity 65535 65535 65535 radius 1\n"
         "VIEW RESOLUTION 8 8 WINDOW -1 -1 1 1 EYE 0 0 9\n"
         "CSG-TREE\n\n SPHERE 0\nSURFACE 0 kd .5 .5 .5\nTRANSFORM 0\nEND\n"
     )
     (node, *_) = mitsuba_prosim.explain(path, (4, 4), spp=4).nodes
-    assert (node.shape, node.line) == ("SURFACE 0", "s.scn, line 6 (SURFACE 0 of SPHERE 0)")
+    assert (node.shape, node.line) == ("SPHERE 0 (line 5)", "s.scn, line 6 (SURFACE 0 of SPHERE 0)")
     assert node.lamps[0].lamp == "AREA (line 1)"
+    square = '<shape type="rectangle"><ref id="white"/><transform name="to_world"><translate {}/></transform></shape>\n'
+    parts = ['<bsdf type="diffuse" id="white"/>\n', square.format('x="1"'), square.format('x="2"')]
+    text = f'<scene version="3.0.0">\n{"".join(parts)}<shape type="sphere" id="ball"/></scene>'
+    file = SceneFile(write_scene(text, "s.xml"), tmp_path)  # Mitsuba merges the two squares
+    words = {key: name for key, (name, _) in places(file).items()}
+    names = {name[:4]: name for name in recorder.shape_names(file.load(), words).values()}
+    assert names["ball"] == "ball (line 5)" and names["Mesh"].endswith(" of white (line 2)")
 
 
 @pytest.mark.parametrize(
@@ -271,7 +279,7 @@ def test_sample_that_is_not_finite_counts_as_black_and_says_so(variant_rgb):
     made = without(penumbra(None, SIZE, type="prosim"), "light")
     made["ball"] |= {"emitter": {"type": "area", "radiance": 3e38}, "bsdf": diffuse(1, 1, 1)}
     made |= {"lamp": {"type": "point", "position": [0.5, 0.9, 1.0], "intensity": 3e38}}
-    samples = Samples.of(mi.load_dict(made), (8, 7), 4)
+    samples = Samples(mi.load_dict(made), (8, 7), 4)
     black, *_ = np.flatnonzero(samples.values.sum(axis=1) == 0)
     told = samples.explanation(int(black))
     assert any(told.nodes[0].contribution) and "black" in told.notes[0] and "Infinity" not in told.json()
@@ -343,13 +351,72 @@ def test_noise_names_samples_that_are_brighter_than_those_explained(variant_rgb)
     told = [" ".join(one.noise) for one in explained]
     dark = [not any(one.mean) for one in explained]
     assert ["much brighter than any sample here" in said for said in told] == dark and 0 < sum(dark) < 8
+    for one in explained:  # the nodes of that sample, and its place among the trees of the page
+        assert bool(one.further) == (one.trees().keys() == {0, 1}) == (not any(one.mean))
+        light = np.sum([node.contribution for node in one.further], axis=0)
+        assert not one.further or (light > 0.01).all()
 
 
 def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
+    """And at which level: the rays that the wall reflects end in the dark under the ceiling."""
     told = mitsuba_prosim.explain(mi.load_dict(penumbra(None, 512, type="prosim")), ALONE["lamp"][1], spp=16)
     first, second = told.light
     assert first == "Where the light comes from: the light of light that wall scatters (100%)."
-    assert "points of light are hidden by ball" in second and 0 < int(second.split()[3]) < 16
+    assert second.startswith("Seen from wall at level 0, of 16 points of light: ") and second.endswith(
+        " hidden by ball."
+    )
+    assert 0 < int(second.split()[-4]) < 16
+    made = without(penumbra(None, 16, type="prosim", diffuse_bounces=1, max_level=1), "ball", "pole")
+    made["lid"] = rectangle(T().translate([-3, 3, 3]).rotate([1, 0, 0], 45).scale(2), bsdf=diffuse(0, 0, 0))
+    samples = Samples(mi.load_dict(made), (8, 14), 16)
+    levels = [[0, 0], [0, 0]]
+    for one in (node for k in range(16) for node in samples.recorder.nodes(k)):
+        levels[one.level][0] += [lamp.state for lamp in one.lamps].count("visible")
+        levels[one.level][1] += len(one.lamps)
+    seen = ", ".join(f"{visible} of {total} (level {k})" for k, (visible, total) in enumerate(levels))
+    assert samples.explanation().light[-1] == f"Visible points of lamps: {seen}." and levels[1][1] > 2
+
+
+#: Name -> (state of the points of a lamp, what is in their way).
+DARK = {
+    "cone": ("outside its cone", None),
+    "prosim_cone": ("outside its cone", "plate"),
+    "back": ("on its back", "plate"),
+    "below": ("below the surface", None),
+    "ball_below": ("below the surface", None),
+    "black": ("not scattered", None),
+    "off": ("not lit", None),
+    "hidden": ("hidden", "plate"),
+    "visible": ("visible", None),
+    "through": ("visible", None),
+}
+
+
+def lamp_of(name):
+    bulb = {"type": "point", "intensity": 0.0 if name == "off" else 9.0, "position": [0, 3, 0]}
+    return {
+        "cone": {"type": "spot", "to_world": T().look_at([0, 3, 0], [5, 3, 0], [0, 1, 0])},
+        "prosim_cone": bulb | {"type": "prosim_point", "distribution": "cone", "angle": 20, "direction": [1, 0, 0]},
+        "back": rectangle(T().translate([0, 3, 0]).rotate([1, 0, 0], -90), **area(9.0)),
+        "ball_below": sphere_lamp([0, -2, 0], 0.5, 9.0),
+    }.get(name, bulb | ({"position": [0, -1, 0]} if name in ("below", "through") else {}))
+
+
+@pytest.mark.parametrize("name", DARK)
+def test_points_of_lamps_that_add_no_light_say_why(variant_rgb, name):
+    state, occluder = DARK[name]
+    bsdf = GLASS | {"alpha": 0.6} if name == "through" else diffuse(*[0.0 if name == "black" else 0.5] * 3)
+    plate = rectangle(T().translate([0, 2, 0]).rotate([1, 0, 0], -90).scale(3), bsdf=diffuse(0.3, 0.4, 0.5))
+    made = without(penumbra(None, SIZE, type="prosim", max_level=0), "wall", "pole", "ball", "light")
+    made |= {"floor": made["floor"] | {"bsdf": bsdf}, "lamp": lamp_of(name)} | (
+        {"plate": plate} if occluder == "plate" else {}
+    )
+    made["sensor"] |= {"to_world": T().look_at([0.1, 1.5, 1], [0, 0, 0], [0, 1, 0])}
+    told = mitsuba_prosim.explain(mi.load_dict(made), (8, 8), spp=4)
+    assert [(one.state, one.occluder) for one in told.nodes[0].lamps] == [(state, occluder)]
+    words = f"hidden by {occluder}" if state == "hidden" else state
+    said = f"Seen from floor at level 0, of 4 points of lamp: 4 {words}."
+    assert told.light[1:] == (() if state == "visible" else (said,))
 
 
 class Asked:
@@ -370,9 +437,9 @@ class Asked:
 def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name, monkeypatch):
     """Each pass of an N-rook pattern has one sample in each row and column, and all passes one in each cell."""
     n, (x, y), scene = 4, (9, 8), scene_of(name, samples=4)
-    samples = Samples.of(scene, (x, y), 0)
+    samples = Samples(scene, (x, y), 0)
     trees = [samples.recorder.nodes(i) for i in range(n * n)]
-    found = page_data.patterns(samples.estimator, samples.plan, samples.where, n * n, trees)
+    found = explanation_page.patterns(samples.estimator, samples.plan, samples.where, n * n, trees)
     for _, _, numbers in found:
         cells = np.reshape(numbers, (n, n, 2)) * n // 1000
         assert (np.sort(cells, axis=1) == np.arange(n)[:, None]).all() and len(
@@ -386,15 +453,27 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
     monkeypatch.setattr(type(samples.plan), "points", lambda *where: Asked(points(*where), asked))
     with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
         samples.estimator.sample(samples.plan, *(mi.Int32(value) for value in (x, y)), dr.arange(mi.UInt32, n * n))
-    shown = {transport.space(k, space) for nodes in trees for k, space, _ in page_data.node_spaces(transport, nodes)}
+    shown = {
+        transport.space(k, space) for nodes in trees for k, space, _ in explanation_page.node_spaces(transport, nodes)
+    }
     assert shown <= asked and len(shown) == len(found) - 1 > 0
 
 
-def test_lobe_of_a_diffuse_surface_is_its_cosine(variant_rgb):
-    samples = Samples.of(mi.load_dict(penumbra(None, SIZE, type="prosim")), (5, 14), 1)
-    (node,) = samples.recorder.nodes(0)
-    ((vectors,),) = (lobes.values() for lobes in page_data.lobe_directions(samples.estimator, {0: [node]}).values())
+@pytest.mark.parametrize("part", ["brick", "mortar"])
+def test_lobe_and_texture_of_a_surface_are_those_where_the_ray_ends(variant_rgb, part):
+    """The lobe of a diffuse surface is its cosine. The floor has bricks of the whole width."""
+    colours = {"brick": rgb(0.5, 0.25, 0.125), "mortar": rgb(0.75, 0.5, 0.25)}
+    bricks = {"type": "prosim_brick", "brick_width": 1e6, "brick_height": 0.05, "mortar_width": 0.05, **colours}
+    made = penumbra(None, SIZE, type="prosim")
+    made["floor"]["bsdf"] = {"type": "diffuse", "reflectance": bricks}
+    found = Samples(mi.load_dict(made), (5, 14), 64)
+    height = {k: (node.position[2] / 12 + 0.5) / 0.1 % 1 for k in range(64) for node in found.recorder.nodes(k)[:1]}
+    sample = next(k for k, rows in height.items() if (0.3 < rows < 0.7) == (part == "brick"))
+    node = found.recorder.nodes(sample)[0]
+    vectors, (text,) = explanation_page.surfaces(found.estimator, {0: [node]})[0][0]
+    share = "100% brick, 0% mortar – 0.5 0.25 0.125" if part == "brick" else "0% brick, 100% mortar – 0.75 0.5 0.25"
+    assert text == f"Brick: {share}"
     vectors = np.reshape(vectors, (-1, 3))
     lengths = np.linalg.norm(vectors, axis=1)
     cosines = vectors @ node.normal / lengths
-    assert lengths == pytest.approx(cosines / cosines.max(), abs=5e-3) and len(lengths) == page_data.DIRECTIONS
+    assert lengths == pytest.approx(cosines / cosines.max(), abs=5e-3) and len(lengths) == explanation_page.DIRECTIONS

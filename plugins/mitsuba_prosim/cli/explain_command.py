@@ -1,5 +1,7 @@
 """``prosim explain``: writes an HTML page that explains why a pixel has its value."""
 
+import shlex
+import sys
 from pathlib import Path
 
 import click
@@ -32,5 +34,6 @@ def explain(job: Job, pixel: tuple[int, int]) -> None:
 
     with Resources(job) as resources, input_errors():
         file = job.read_scene(resources.folder)
-        page = explanation.page(file, pixel=pixel, spp=job.spp or 0, sensor=job.sensor, seed=job.seed)
+        command = shlex.join(["prosim", *sys.argv[1:]])
+        page = explanation.page(file, command=command, pixel=pixel, spp=job.spp or 0, sensor=job.sensor, seed=job.seed)
     click.echo(files.save(stem, {".html": page.encode("utf-8")})[0])

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from html import escape
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -18,23 +21,28 @@ import numpy as np
 
 from .. import atomic
 from ..alone import alone
-from ..compat import PLACE, denormals_rounded
-from ..engine.camera import coarse_film, is_perspective, without_crop_window
+from ..compat import PLACE, denormals_rounded, dr_array
+from ..engine.camera import is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
-from ..engine.render import Render
 from ..registry import PLUGINS, create
 from ..scene.scene_file import SceneFile, pick_sensor
-from . import explanation_page, noise, page_data
-from .nodes import Node, Numbers
-from .recorder import Places, Recorder
+from . import explanation_page, noise
+from .recorder import Node, Numbers, Places, Recorder
 
 #: Maximum number of samples of an explanation.
 MOST_SAMPLES = 1 << 14
 #: Maximum number of samples that the sentences on the noise are about.
 MOST_OUTLIERS = 8
-#: Maximum number of pixels of the image on the page, and number of samples of each pixel.
-PREVIEW_PIXELS, PREVIEW = 1 << 17, 4
+#: Maximum number of pixels of the image on the page, and square root of the number of samples of each pixel.
+PREVIEW_PIXELS, PREVIEW = 1 << 17, 2
+#: The comment in which the translator names a shape or an emitter, and its line.
+COMMENT = re.compile(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<(?:shape|emitter) [^>]*\bid=\"([^\"]+)\"")
+#: Plugin around ``prosim`` -> how its image differs from the samples.
+OUTER_NOTES = {
+    "prosim_denoised": "The image is denoised; these are the samples before.",
+    "prosim_adaptive": "The image has other samples, because prosim_adaptive gives prosim other random numbers.",
+}
 #: An unlimited depth in Mitsuba's integrators.
 UNLIMITED = (1 << 32) - 1
 
@@ -54,6 +62,8 @@ class Explanation:
     #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
     nodes: tuple[Node, ...] = field(repr=False)
+    #: The nodes of the brightest of the further samples by which the shares are estimated, if it is much brighter.
+    further: tuple[Node, ...] = field(repr=False)
     #: Sentences on the light: where it comes from, and which shapes hide lamps.
     light: tuple[str, ...]
     #: Dimension of the random numbers -> its share in the variance (:mod:`.noise`); and sentences on the noise.
@@ -70,8 +80,14 @@ class Explanation:
 
     def _repr_html_(self) -> str:
         """Returns the page of this explanation, without the image, within a frame for a notebook."""
-        page = explanation_page.html(asdict(self), {self.sample: self.nodes}, **self.drawing)
+        page = explanation_page.html(asdict(self), self.trees(), **self.drawing)
         return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
+
+    def trees(self) -> dict[int, tuple[Node, ...]]:
+        """Returns the nodes of the explained sample and of the brightest further sample by the number of the sample;
+        further samples follow those of the pixel.
+        """
+        return {self.sample: self.nodes} | ({len(self.values): self.further} if self.further else {})
 
 
 def explain(
@@ -108,31 +124,16 @@ def explain(
     with atomic.scratch() as folder:
         file = None if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
         loaded, names = (scene, None) if file is None else (file.load(), places(file))
-        samples = Samples.of(loaded, pixel, spp, sensor, integrator, seed, names)
+        samples = Samples(loaded, pixel, spp, sensor, integrator, seed, names)
         told = samples.explanation(sample)
-        return replace(told, drawing=samples.drawing({told.sample: told.nodes}))
+        return replace(told, drawing=samples.drawing(told.trees()))
 
 
-@dataclass
 class Samples:
     """The samples of one pixel, with the records of all their rays."""
 
-    recorder: Recorder
-    estimator: Estimator
-    plan: Plan
-    pixel: tuple[int, int]
-    #: Column and row of the pixel in the whole film.
-    where: tuple[int, int]
-    channels: tuple[str, ...]
-    values: np.ndarray
-    notes: list[str]
-    shares: dict[str, float] = field(default_factory=dict)
-    #: Sum of the channels of the brightest of the further samples from which the shares are estimated.
-    brightest: float = 0.0
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         scene: Any,
         pixel: tuple[int, int],
         spp: int,
@@ -140,63 +141,95 @@ class Samples:
         integrator: mi.Integrator | None = None,
         seed: int = 0,
         names: Places | None = None,
-    ) -> Samples:
-        """Takes all samples of a pixel; ``names`` are the file's :func:`places`. Errors: those of :func:`explain`."""
+        preview: bool = False,
+    ) -> None:
+        """Takes all samples of a pixel; ``names`` are the file's :func:`places`; ``preview``: also a coarse image.
+
+        Errors: those of :func:`explain`.
+        """
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
-        camera, notes = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor), list[str]()
-        film = camera.film()
-        size, (x, y) = tuple(map(int, film.crop_size())), pixel
-        if not (0 <= x < size[0] and 0 <= y < size[1]):
-            raise ValueError(
-                f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {size[0] - 1},{size[1] - 1}"
-            )
+        camera = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor)
+        film, self.pixel, self.notes = camera.film(), pixel, list[str]()
+        (w, h), (x, y), (left, top) = map(int, film.crop_size()), pixel, map(int, film.crop_offset())
+        if not (0 <= x < w and 0 <= y < h):
+            raise ValueError(f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {w - 1},{h - 1}")
         if not 0 <= spp <= MOST_SAMPLES:
             raise ValueError(f"spp is {spp}; give a number from 1 to {MOST_SAMPLES}, or 0 for the integrator's own")
-        integrator = explained_integrator(integrator or scene.integrator(), notes)
+        integrator = explained_integrator(integrator or scene.integrator(), self.notes)
         if not film.rfilter().is_box_filter():
-            notes.append("The film's filter also adds samples of the pixels around to the pixel's value in the image.")
+            self.notes.append("The film's filter also adds samples of the pixels around to the pixel's value.")
         stored = re.search(r"pixel_format = (\w+)", str(film))
         if stored and not stored[1].startswith("rgb") and not mi.is_monochromatic:
-            notes.append("The film converts these colours to those of its pixel_format.")
+            self.notes.append("The film converts these colours to those of its pixel_format.")
+        #: Column and row of the pixel in the whole film.
+        self.where = x + left, y + top
         window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
         with alone(), denormals_rounded(), dr.suspend_grad():
-            estimator = integrator.estimator(scene, camera)
+            self.estimator: Estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
-            plan = Plan.of(sampling, film, seed, spp)
+            self.plan = plan = Plan.of(sampling, film, seed, spp)
             if plan.policy.first_samples < plan.max_samples:
-                notes.append("The image is adaptive: this pixel may have fewer or more samples there.")
-            left, top = map(int, film.crop_offset())
-            recorder, where = Recorder(estimator.transport, names or {}), (x + left, y + top)
-            kept = [name for name in estimator.channels.names[: estimator.channels.names.index("W")] if name != "A"]
-            samples = cls(recorder, estimator, plan, pixel, where, tuple(kept), np.empty((0,)), notes)
+                self.notes.append("The image is adaptive: this pixel may have fewer or more samples there.")
+            self.recorder, stored_names = Recorder(self.estimator.transport, names or {}), self.estimator.channels.names
+            self.channels = tuple(name for name in stored_names[: stored_names.index("W")] if name != "A")
             with window:  # a render takes its samples without it, too
-                samples._take(spp or min(plan.noisy_samples, MOST_SAMPLES))
-                samples.shares, samples.brightest = noise.shares(estimator, plan, *where, len(kept))
-        return samples
+                self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES), preview)
 
-    def _take(self, count: int) -> None:
-        estimator, plan, recorder, values = self.estimator, self.plan, self.recorder, list[np.ndarray]()
-        caustics, channels_kept = estimator.transport.caustics, slice(len(self.channels))
-        size = count if caustics is None else caustics.maps(plan.n)
+    def _take_all(self, count: int, preview: bool) -> None:
+        """Takes ``count`` samples of the pixel, and in the same kernel those that tell the shares, and the image."""
+        caustics, values, found = self.estimator.transport.caustics, list[np.ndarray](), list[np.ndarray]()
+        pairs, pixels = np.arange(noise.PAIRS * (noise.FURTHER + 1)), coarse_pixels(self.estimator.sensor.film())
+        more = [lanes(pairs // noise.PAIRS, pairs % noise.PAIRS, *self.where)]
+        more += [lanes(noise.FURTHER, *pixels)] if preview else []
+        size = count if caustics is None else caustics.maps(self.plan.n)
         for first in range(0, count, size):
             if caustics is not None:
-                caustics.use_pass(plan.photon_seed, first // size, plan.n)
-            width = min(size, count - first)
-            t = dr.opaque(mi.UInt32, first) + dr.arange(mi.UInt32, width)
-            x, y = (dr.opaque(mi.Int32, value, width) for value in self.where)
-            points = plan.points(x, y, t)
+                caustics.use_pass(self.plan.photon_seed, first // size, self.plan.n)
+            t = np.arange(first, min(first + size, count))
+            own, *others = self._take(self.recorder, noise.OWN, lanes(noise.OWN, t, *self.where), *more)
+            values.append(own)
+            found, more = others or found, []
+        #: The values of all samples, shape (samples, channels), their luminance, and the :func:`.noise.shares`.
+        self.values, self.luminance = np.concatenate(values)[:, 1:], np.concatenate(values)[:, 0]
+        self.shares = noise.shares(found[0][:, 0])
+        #: A coarse image, shape (height, width, channels), if it was wanted.
+        self.preview = found[1][:, 1:].reshape(*pixels[0].shape, -1).mean(axis=2) if preview else None
+        light = found[0][-noise.PAIRS :, 1:].sum(axis=1)
+        #: Ratio of the brightest of the further samples to the brightest of the pixel, and its nodes if it is great.
+        self.brighter = float(light.max()) / max(float(self.values.sum(axis=1).max()), 1e-30)
+        self.further: tuple[Node, ...] = ()
+        if self.brighter > noise.BRIGHTER:
             if caustics is not None:
-                points.division = t, caustics.n
-            ray, weight, _ = estimator.camera_ray(x, y, points)
+                caustics.use_pass(self.plan.photon_seed, 0, self.plan.n)
+            recorder, brightest = copy(self.recorder), int(light.argmax())
+            recorder.tables = []
+            # A second lane, because Dr.Jit would compile another kernel for a single one.
+            self._take(recorder, noise.FURTHER, lanes(np.array([noise.FURTHER, noise.OWN]), brightest, *self.where))
+            self.further = recorder.nodes(brightest)
 
-            def channels(L: mi.Spectrum, ray: Any = ray, weight: Any = weight) -> Sequence[mi.Float]:
-                return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[channels_kept]
+    def _take(self, recorder: Recorder, recorded: int, *blocks: np.ndarray) -> list[np.ndarray]:
+        """Takes the samples of :func:`lanes`, of which ``recorder`` records those whose first number is ``recorded``.
 
-            recorder.t, recorder.channels = t, channels
-            taken = recorder.record(partial(estimator.sample, plan, x, y, t))[0][channels_kept]
-            values.append(np.array([np.broadcast_to(np.array(value), width) for value in taken], np.float64).T)
-        self.values = np.concatenate(values)
+        Returns the luminance and the values of the channels of each sample of each block.
+        """
+        estimator, plan, kept = self.estimator, self.plan, slice(len(self.channels))
+        caustics = estimator.transport.caustics
+        which, t, x, y = map(dr_array, np.concatenate(blocks, axis=1))
+        x, y = mi.Int32(x), mi.Int32(y)
+        plans: Any = SimpleNamespace(points=lambda *where: noise.Points(plan, which, estimator.transport, *where))
+        points = plans.points(x, y, t)
+        if caustics is not None:
+            points.division = t, caustics.n
+        ray, weight, _ = estimator.camera_ray(x, y, points)
+
+        def channels(L: mi.Spectrum) -> Sequence[mi.Float]:
+            return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[kept]
+
+        recorder.t, recorder.recorded, recorder.channels = t, which == dr.opaque(mi.UInt32, recorded), channels
+        taken, luminance, _ = recorder.record(partial(estimator.sample, plans, x, y, t))
+        values = [np.broadcast_to(np.array(value, np.float64), len(t)) for value in (luminance, *taken[kept])]
+        return np.split(np.stack(values, axis=1), np.cumsum([block.shape[1] for block in blocks])[:-1])
 
     def explanation(self, sample: int | None = None) -> Explanation:
         """Returns the explanation of the pixel with the nodes of one sample; the default is the brightest sample."""
@@ -205,18 +238,14 @@ class Samples:
             sample = int(np.argmax(self.values.sum(axis=1)))
         if not 0 <= sample < count:
             raise ValueError(f"the sample {sample} does not exist; the pixel has the samples 0 to {count - 1}")
-        values = tuple(tuple(map(float, value)) for value in self.values)
-        mean = tuple(map(float, self.values.mean(axis=0)))
+        values, mean = tuple(map(tuple, self.values.tolist())), tuple(self.values.mean(axis=0).tolist())
         nodes, notes = self.recorder.nodes(sample), list(self.notes)
         if not any(values[sample]) and any(any(node.contribution) for node in nodes):
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
-        seed = int(self.plan.seed[0])
-        brighter = self.brightest / max(float(self.values.sum(axis=1).max()), 1e-30)
-        told = noise.sentences(self.shares, brighter, self.recorder, *self.deviations())
-        light = noise.origins(self.recorder, count)
-        return Explanation(
-            self.pixel, seed, self.channels, values, mean, sample, nodes, light, self.shares, told, tuple(notes)
-        )
+        told = noise.sentences(self.shares, self.brighter, self.recorder, *self.deviations())
+        light, known = noise.origins(self.recorder, count), (self.pixel, int(self.plan.seed[0]), self.channels)
+        rays = sample, nodes, self.further
+        return Explanation(*known, values, mean, *rays, light, self.shares, told, tuple(notes))
 
     def deviations(self) -> tuple[np.ndarray, int]:
         """Returns weights of the samples, and a number of samples: those that are farthest from the mean and make 90 %
@@ -239,39 +268,45 @@ class Samples:
         with alone():
             return {
                 "n": 0 if plan.uses_sobol else plan.n,
-                "patterns": page_data.patterns(estimator, plan, self.where, len(self.values), trees.values()),
-                "lobes": page_data.lobe_directions(estimator, trees),
+                "patterns": explanation_page.patterns(estimator, plan, self.where, len(self.values), trees.values()),
+                "surfaces": explanation_page.surfaces(estimator, trees),
                 "camera": explanation_page.pinhole(estimator),
                 "size": list(map(int, estimator.sensor.film().crop_size())),
                 "boxes": [[list(box.min), list(box.max)] for box in boxes],
             }
 
 
-def page(file: SceneFile, scene: Any = None, image: Any = None, **arguments: Any) -> str:
+def lanes(*numbers: Any) -> np.ndarray:
+    """Returns the numbers of lanes, shape (4, lanes): their number for :class:`.noise.Points`, index of the sample, and
+    pixel.
+    """
+    return np.stack(np.broadcast_arrays(*numbers)).reshape(len(numbers), -1).astype(np.uint32)
+
+
+def coarse_pixels(film: mi.Film) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns ``(k, x, y)``, each of the shape (height, width, samples) of a coarse image: the index of each sample,
+    and a pixel of the film.
+    """
+    (w, h), (left, top) = map(int, film.crop_size()), map(int, film.crop_offset())
+    step = math.ceil(math.sqrt(w * h / PREVIEW_PIXELS))
+    y, x, k = np.indices((max(h // step, 1), max(w // step, 1), PREVIEW**2))
+    return k, left + x * step + k % PREVIEW * step // PREVIEW, top + y * step + k // PREVIEW * step // PREVIEW
+
+
+def page(file: SceneFile, scene: Any = None, image: Any = None, command: str = "", **arguments: Any) -> str:
     """Returns an HTML page that explains a pixel of the scene in ``file``.
 
     ``scene`` is the scene if it is loaded already. ``image`` holds the colours of the image, shape (height, width, 3)
-    of the film or of a coarse image; None: the function renders it. The other ``arguments`` are those of
-    :meth:`Samples.of`.
+    of the film or of a coarse image; None: the function renders it. ``command`` is the command line that makes the
+    page. The other ``arguments`` are those of :class:`Samples`.
     """
-    samples = Samples.of(scene or file.load(), names=places(file), **arguments)
-    told, estimator, plan = samples.explanation(), samples.estimator, samples.plan
-    order = np.argsort(-samples.values.sum(axis=1), kind="stable")
-    shown = dict.fromkeys([*order[: explanation_page.BRIGHTEST].tolist(), int(order[len(order) // 2]), int(order[-1])])
-    if image is None:
-        image = preview(estimator, plan)
-    trees = {sample: samples.recorder.nodes(sample) for sample in shown}
-    pictured = {"name": file.path.name, "image": explanation_page.picture(image)}
+    samples = Samples(scene or file.load(), names=places(file), preview=image is None, **arguments)
+    told, order = samples.explanation(), np.argsort(-samples.values.sum(axis=1), kind="stable").tolist()
+    shown = [*order[: explanation_page.BRIGHTEST], order[len(order) // 2], order[-1]]
+    trees = told.trees() | {sample: samples.recorder.nodes(sample) for sample in shown}
+    image = explanation_page.picture(samples.preview if image is None else image)
+    pictured = {"name": file.path.name, "image": image, "command": command}
     return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))
-
-
-def preview(estimator: Estimator, plan: Plan) -> Any:
-    """Returns a coarse image of the scene, rendered with the photons of the samples."""
-    sensor = estimator.sensor
-    with alone(), coarse_film(sensor, PREVIEW_PIXELS):
-        coarse = Estimator(estimator.scene, sensor, estimator.transport, estimator.channels)
-        few = Plan.of(plan.sampling.uniform(PREVIEW), sensor.film(), plan.seed, PREVIEW)
-        return Render(replace(few, n=plan.n), coarse).run().image()
 
 
 def explained_integrator(integrator: Any, notes: list[str]) -> Any:
@@ -285,10 +320,7 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
         outer.add(type(integrator))
         integrator = integrator.nested
     if getattr(integrator, "name", "") == "prosim":
-        if PLUGINS["prosim_denoised"] in outer:
-            notes.append("The image is denoised; these are the samples before.")
-        if PLUGINS["prosim_adaptive"] in outer:
-            notes.append("The image has other samples, because prosim_adaptive gives prosim other random numbers.")
+        notes.extend(note for name, note in OUTER_NOTES.items() if PLUGINS[name] in outer)
         return integrator
     kind, _, parameters = str(integrator).partition("[")  # class_name() is not that of a class in Python
     depth, direct = re.match(r"\s*max_depth = (-?\d+)", parameters), kind == "DirectIntegrator"
@@ -297,22 +329,26 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
     most = 2 if direct or depth is None else int(depth[1])
     level = -1 if most in (-1, UNLIMITED) else max(most - 2, 0)
     found = "the same light, except light that media scatter," if "Vol" in kind else "the same light"
-    notes.append(
-        f"The integrator {kind} keeps no record of its rays; these are paths of prosim, which find {found} with other "
-        "random numbers."
-    )
+    paths = f"these are paths of prosim, which find {found} with other random numbers"
+    notes.append(f"The integrator {kind} keeps no record of its rays; {paths}.")
     return create("prosim", max_level=level, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
 
 
 def places(file: SceneFile) -> Places:
-    """Returns the name in the scene file, and the line, of each shape or emitter that has an id."""
-    if file.document is not None:  # the translator names the line in a comment
-        text = file.xml.read_text(encoding="utf-8")
-        found = re.findall(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<(?:shape|emitter) [^>]*\bid=\"([^\"]+)\"", text)
-        # The numbers of surfaces are those of the scene; lamps have no numbers.
-        names = {key: what.partition(" of ")[0] for what, _, key in found}
-        names |= {key: f"{what} (line {line})" for what, line, key in found if key.startswith("light")}
-        return {key: (names[key], f"{file.path.name}, line {line} ({what})") for what, line, key in found}
-    shapes = [node for node in file.state.nodes if node.type == mi.ObjectType.Shape and node.props.id()]
-    lines = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in shapes}
-    return {name: (name, f"{Path(line[1]).name}, line {line[2]}") for name, line in lines.items() if line}
+    """Returns the name in the scene file, and the line, of each shape or emitter that has an id, in XML also of each
+    material.
+    """
+    kinds, document = (mi.ObjectType.Shape, mi.ObjectType.Emitter, mi.ObjectType.BSDF), file.document
+    if document is None:
+        nodes = [node for node in file.state.nodes if node.type in kinds and node.props.id()]
+        found = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in nodes}
+        lines = {key: (line[2], f"{Path(line[1]).name}, line {line[2]} ({key})") for key, line in found.items() if line}
+        return {key: (f"{key} (line {number})", place) for key, (number, place) in lines.items()}
+    numbers = {f"{leaf.shape.upper()} {leaf.index}": number for number, (_, leaf) in enumerate(document.scene.leaves)}
+    named = {}
+    for what, line, key in COMMENT.findall(file.xml.read_text(encoding="utf-8")):
+        of = what.partition(" of ")[2].partition(" towards ")[0]
+        leaves = [numbers[leaf] for leaf in re.findall(r"[A-Z]+ \d+", of)]
+        name = document.names_of(leaves) + ", ..." * of.endswith("...") if leaves else f"{what} (line {line})"
+        named[key] = (name, f"{file.path.name}, line {line} ({what})")
+    return named

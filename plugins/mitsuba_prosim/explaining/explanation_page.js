@@ -2,8 +2,9 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const find = id => document.getElementById(id);
 const sum = values => values.reduce((a, b) => a + b, 0);
-const number = x => x === 0 ? "0" : String(Number(x.toPrecision(4)));
-const list = values => values.map(number).join("  ");
+const number = x => String(Number(x.toPrecision(Math.abs(x) < 1e-3 ? 2 : 4)));
+/** The numbers as text; those that only rounding makes different from 0 beside the greatest are 0. */
+const list = values => values.map(x => number(Math.abs(x) < 1e-5 * Math.max(...values.map(Math.abs)) ? 0 : x)).join("  ");
 /** A colour of the page for SVG, which follows the colour scheme; and its present value for a canvas. */
 const css = name => `var(${name})`;
 const present = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -29,8 +30,27 @@ function choosable(element, label, action) {
     return element;
 }
 
-/** The shown tree, and the node whose numbers are shown. */
-let tree = data.trees[0], shown = null;
+/** Makes an HTML element with a text. */
+function html(name, text) {
+    const element = document.createElement(name);
+    element.textContent = text;
+    return element;
+}
+
+/** The shown tree. */
+let tree = data.trees[0];
+/** The number of a node on the page: the order in which the rays were followed, from 1. */
+const place = node => tree.nodes.indexOf(node) + 1;
+const parentOf = node => tree.nodes.find(one => one.number === node.parent);
+/** Whether the light of a lamp's point would be scattered if nothing were in the way. */
+const counts = lamp => lamp.state === "visible" || lamp.state === "hidden";
+/** Whether a sample is the brightest further one, and its value. */
+const isFurther = sample => sample >= data.values.length;
+const valueOf = one => isFurther(one.sample) ? total(one.nodes) : data.values[one.sample];
+const total = nodes => nodes.map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k]));
+/** The directions of the lobes where a ray ends, and texts on the textures there. */
+const surface = node => tree.surfaces[tree.nodes.indexOf(node)] || [[], []];
+const nameOf = sample => isFurther(sample) ? "the brightest further sample" : `sample ${sample}`;
 
 // ---------------------------------------------------------------- the image
 
@@ -55,7 +75,7 @@ function showImage() {
         if (to && from) drawing.append(svg("line", { x1: from[0], y1: from[1], x2: to[0], y2: to[1], stroke: "#4cf", "stroke-width": 1.5 * line }));
         for (const lamp of to ? node.lamps : []) {
             const end = project(lamp.point);
-            if (!end || lamp.state === "dark") continue;
+            if (!end || !counts(lamp)) continue;
             const dashes = lamp.state === "hidden" ? { "stroke-dasharray": `${3 * line} ${3 * line}` } : {};
             drawing.append(svg("line", { x1: to[0], y1: to[1], x2: end[0], y2: end[1], stroke: "#fb4", "stroke-width": line, ...dashes }));
         }
@@ -74,11 +94,11 @@ const thickness = (light, most) => 1 + 6 * Math.sqrt(Math.max(light, 0) / (most 
 function showTree() {
     const nodes = tree.nodes, places = new Map(), below = new Map();
     const children = node => nodes.filter(other => other.parent === node.number);
-    const lamps = node => node.lamps.filter(lamp => lamp.state !== "dark").slice(0, 6);
+    const lamps = node => node.lamps.filter(counts).slice(0, 6);
     let column = 0, deepest = 0;
-    const place = (node, depth) => {
+    const arrange = (node, depth) => {
         deepest = Math.max(deepest, depth);
-        const inner = children(node).map(child => place(child, depth + 1));
+        const inner = children(node).map(child => arrange(child, depth + 1));
         const own = lamps(node).map(() => column++);
         const columns = [...inner, ...own];
         const x = columns.length ? sum(columns) / columns.length : column++;
@@ -86,8 +106,8 @@ function showTree() {
         below.set(node.number, sum(node.contribution) + sum(children(node).map(child => below.get(child.number))));
         return x;
     };
-    place(nodes[0], 0);
-    const dx = 34, dy = 64, width = Math.max(column * dx + 40, 200), X = x => 30 + x * dx, Y = depth => 24 + depth * dy;
+    arrange(nodes[0], 0);
+    const dx = 40, dy = 70, width = Math.max(column * dx + 40, 200), X = x => 30 + x * dx, Y = depth => 24 + depth * dy;
     const drawing = svg("svg", { width, height: Y(deepest) + 44, role: "group", "aria-label": "Tree of the rays" });
     const most = Math.max(...below.values());
     for (const node of nodes) {
@@ -95,55 +115,53 @@ function showTree() {
         if (parent) drawing.append(svg("line", { x1: X(parent.x), y1: Y(parent.depth), x2: X(x), y2: Y(depth), stroke: css("--accent"), "stroke-width": thickness(below.get(node.number), most) }));
         lamps(node).forEach((lamp, k) => {
             const hidden = lamp.state === "hidden" ? { "stroke-dasharray": "3 3" } : {};
-            drawing.append(svg("line", { x1: X(x), y1: Y(depth), x2: X(own[k]), y2: Y(depth) + 30, stroke: css("--lamp"), "stroke-width": thickness(sum(lamp.contribution), most), ...hidden }));
-            drawing.append(svg("circle", { cx: X(own[k]), cy: Y(depth) + 30, r: 4, fill: lamp.state === "hidden" ? "none" : css("--lamp"), stroke: css("--lamp") }, svg("title", {}, `${lamp.lamp}, ${lamp.state}`)));
+            drawing.append(svg("line", { x1: X(x), y1: Y(depth), x2: X(own[k]), y2: Y(depth) + 38, stroke: css("--lamp"), "stroke-width": thickness(sum(lamp.contribution), most), ...hidden }));
+            drawing.append(svg("circle", { cx: X(own[k]), cy: Y(depth) + 38, r: 4, fill: lamp.state === "hidden" ? "none" : css("--lamp"), stroke: css("--lamp") }, svg("title", {}, `${lamp.lamp}, ${lamp.state}`)));
         });
     }
     for (const node of nodes) {
         const { x, depth } = places.get(node.number);
-        const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 8, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink") });
-        circle.dataset.number = node.number;
-        const label = `Node ${node.number}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
+        const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 16, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink") });
+        circle.dataset.number = place(node);
+        const label = `Node ${place(node)}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
         drawing.append(choosable(circle, label, () => showNode(node)));
-        drawing.append(svg("text", { x: X(x) + 11, y: Y(depth) - 7 }, String(node.number)));
+        drawing.append(svg("text", { x: X(x), y: Y(depth) + 4, "text-anchor": "middle" }, String(place(node))));
     }
     find("tree").replaceChildren(drawing);
-    find("sample").textContent = `${tree.sample}: ${list(data.values[tree.sample])}`;
+    find("sample").textContent = `${nameOf(tree.sample)}: ${list(valueOf(tree))}`;
 }
 
 /** Whether a node is `top` or in one of its branches. */
-const isWithin = (node, top) => node && (node === top || isWithin(tree.nodes.find(one => one.number === node.parent), top));
+const isWithin = (node, top) => node && (node === top || isWithin(parentOf(node), top));
 
 /** Shows the numbers of a node as a table, and marks it in the tree. */
 function showNode(node) {
-    shown = node;
     for (const circle of find("tree").querySelectorAll("[data-number]")) {
-        const own = Number(circle.dataset.number) === node.number;
+        const own = Number(circle.dataset.number) === place(node);
         circle.setAttribute("stroke-width", own ? 4 : 1.5);
         circle.setAttribute("aria-pressed", own);
     }
     const rows = [
-        ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
+        ["node", `${place(node)}, from ${node.parent ? "node " + place(parentOf(node)) : "the camera"}, level ${node.level}`],
         ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
+        ...surface(node)[1].map(text => ["texture", text]),
         ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)} / sr`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
         ["survives with", `probability ${number(node.survival)}`], ["throughput", list(node.throughput)],
         ["position", node.position ? list(node.position) : "–"], ["normal", node.normal ? list(node.normal) : "–"],
     ];
     for (const lamp of node.lamps) {
-        const state = lamp.state === "hidden" ? `hidden by ${lamp.occluder}` : lamp.state;
-        rows.push([`lamp ${lamp.lamp}`, `${state}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
+        const state = lamp.occluder && lamp.state !== "hidden" ? `${lamp.state}, and ` : lamp.state === "hidden" ? "" : lamp.state;
+        rows.push([`lamp ${lamp.lamp}`, `${state}${lamp.occluder ? `hidden by ${lamp.occluder}` : ""}; adds ${list(lamp.contribution)}; density ${number(lamp.density)} / sr`]);
         for (const lobe of lamp.lobes) if (lobe.bsdf.some(Boolean)) rows.push(["", `${lobe.name}: BSDF × cosine ${list(lobe.bsdf)}${lobe.density ? `, density ${number(lobe.density)} / sr` : ""}, MIS weight ${number(lobe.weight)}`]);
     }
     if (node.left) rows.push([`${node.left} other lamps`, `add ${list(node.others)}`]);
     if (node.emission) rows.push([`meets lamp ${node.emission.lamp}`, `adds ${list(node.emission.contribution)}; lamp's density ${number(node.emission.density)} / sr, MIS weight ${number(node.emission.weight)}`]);
     for (const name of ["ambient", "background", "photons"]) if (node[name].some(Boolean)) rows.push([name, `adds ${list(node[name])}`]);
-    rows.push(["adds in all", list(node.contribution)], ["with its branches", list(tree.nodes.filter(other => isWithin(other, node)).map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k])))]);
+    rows.push(["adds in all", list(node.contribution)], ["with its branches", list(total(tree.nodes.filter(other => isWithin(other, node))))]);
     const table = document.createElement("table");
     for (const [name, text] of rows) {
-        const row = table.insertRow(), head = document.createElement("th");
-        head.textContent = name;
-        row.append(head);
-        row.insertCell().textContent = text;
+        const row = table.insertRow();
+        row.append(html("th", name), html("td", text));
     }
     find("node").replaceChildren(table);
     showPatterns(node);
@@ -165,9 +183,8 @@ function showPatterns(node) {
             const colour = own ? "--lamp" : pass(i) ? "--accent" : "--line";
             drawing.append(svg("circle", { ...place, r: own || pass(i) ? 2.6 : 1.6, fill: css(colour) }, svg("title", {}, `Sample ${i}`)));
         }
-        const figure = document.createElement("figure"), caption = document.createElement("figcaption");
-        caption.textContent = name;
-        figure.append(drawing, caption);
+        const figure = document.createElement("figure");
+        figure.append(drawing, html("figcaption", name));
         return figure;
     });
     find("patterns").replaceChildren(...squares);
@@ -200,21 +217,21 @@ function showOutside() {
         for (let i = 0; i < 8; i++)
             for (const bit of [1, 2, 4])
                 if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), present("--line"), 0.5);
-    tree.nodes.forEach((node, index) => {
+    for (const node of tree.nodes) {
         const end = node.position || node.origin.map((o, i) => o + node.direction[i] * size / 4);
-        const lobe = tree.lobes[index] || [];
+        const [lobe] = surface(node);
         for (let i = 0; i < lobe.length; i += 3) line(end, end.map((p, k) => p + lobe[i + k] * size / 7), present("--lobe"), 0.7);
         for (const lamp of node.position ? node.lamps : [])
-            if (lamp.state !== "dark") line(end, lamp.point, present("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
+            if (counts(lamp)) line(end, lamp.point, present("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
         line(node.origin, end, present("--accent"), 2);
         if (node.normal) line(end, end.map((p, i) => p + node.normal[i] * size / 12), present("--ink"));
-    });
+    }
     g.fillStyle = present("--ink");
     const inside = ([x, y]) => x > 4 && x < w - 60 && y > 14 && y < h - 4;
     const labels = new Map([["camera", at(tree.nodes[0].origin)]]);
     for (const node of tree.nodes)
         for (const lamp of node.position ? node.lamps : []) // a lamp outside the view: where its ray leaves the view
-            for (let t = 1; t > 0 && lamp.state !== "dark" && !labels.has(lamp.lamp); t -= 0.02) {
+            for (let t = 1; t > 0 && counts(lamp) && !labels.has(lamp.lamp); t -= 0.02) {
                 const place = at(node.position.map((x, k) => x + t * (lamp.point[k] - x)));
                 if (inside(place)) labels.set(lamp.lamp, place);
             }
@@ -245,20 +262,35 @@ function showBars() {
     const light = data.values.map(sum), order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
     const n = order.length, mean = sum(light) / n, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
     const wide = find("bars").clientWidth || 640;
-    const drawing = svg("svg", { viewBox: `0 -10 ${wide} 180`, width: "100%", role: "group", "aria-label": "Samples, the brightest first" });
+    const drawing = svg("svg", { viewBox: `0 -10 ${wide} 180`, width: "100%", role: "img", "aria-label": "Samples, the brightest first" });
     order.forEach((i, rank) => {
         const w = wide / n, height = Math.max(150 * Math.max(light[i], 0) / most, 1);
         const bar = svg("rect", { x: rank * w, y: 160 - height, width: Math.max(w * 0.85, 0.5), height, fill: css(stored.has(i) ? "--accent" : "--line"), opacity: i === tree.sample || !stored.has(i) ? 1 : 0.6 });
-        const label = `Sample ${i}: ${list(data.values[i])}`;
-        drawing.append(stored.has(i) ? choosable(bar, label, () => { tree = stored.get(i); showAll(); }) : bar);
+        bar.append(svg("title", {}, `Sample ${i}: ${list(data.values[i])}`));
+        if (stored.has(i)) bar.addEventListener("click", () => choose(stored.get(i)));
+        drawing.append(bar);
     });
     drawing.append(svg("line", { x1: 0, x2: wide, y1: 160 - 150 * mean / most, y2: 160 - 150 * mean / most, stroke: css("--ink"), "stroke-dasharray": "4 3" }));
     drawing.append(svg("text", { x: wide - 2, y: 156 - 150 * mean / most, "text-anchor": "end" }, "mean"));
     find("bars").replaceChildren(drawing);
+    find("list").replaceChildren(...data.trees.map(one => {
+        const button = html("button", `${nameOf(one.sample)}: ${list(valueOf(one))}`);
+        button.setAttribute("aria-pressed", one === tree);
+        button.addEventListener("click", () => choose(one));
+        return button;
+    }));
     const errors = light.map(x => (x - mean) ** 2).sort((a, b) => b - a), all = sum(errors);
     let count = 0;
     for (let part = 0; part < 0.9 * all; count++) part += errors[count];
     find("error").textContent = Object.keys(data.shares).length ? `${count} of ${n} samples make 90 % of the squared error.` : "";
+}
+
+/** Shows a tree, and scrolls to it. */
+function choose(one) {
+    tree = one;
+    showAll();
+    find("list").querySelector("[aria-pressed=true]").focus({ preventScroll: true });
+    find("tree").scrollIntoView({ block: "nearest" });
 }
 
 function showAll() {
@@ -267,9 +299,10 @@ function showAll() {
 }
 
 find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
-find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed})`;
+find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed}); the image has ${data.size.join(" × ")} pixels`;
+find("command").textContent = data.command;
 for (const name of ["notes", "light", "noise"])
-    for (const text of data[name]) { const p = document.createElement("p"); p.textContent = text; find(name).append(p); }
+    find(name).append(...data[name].map(text => html("p", text)));
 find("pass").hidden = !data.n;
 showAll();
 listen();

@@ -7,21 +7,20 @@ The shares sum to more than 1 if the effect of one dimension depends on another.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import dataclass, replace
-from types import SimpleNamespace
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..photons.caustics import MAPS
 from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
-from .recorder import HIDDEN, VISIBLE, Recorder
+from .recorder import HIDDEN, STATES, VISIBLE, Recorder
 
 #: Number of pairs of samples by which a share is estimated: many, because rare bright samples may have most of it.
 PAIRS = 8192
@@ -37,6 +36,12 @@ DIMENSIONS = {
     "photons": ("the paths of the photons", f"many more photons (caustic_photons), or more than {MAPS} samples"),
 }
 PHOTONS = list(DIMENSIONS).index("photons")
+#: Numbers of lanes in :class:`Points` that have the points of the pixel, and points that differ in no dimension.
+FURTHER, OWN = len(DIMENSIONS), len(DIMENSIONS) + 1
+#: A further sample is named if it is this much brighter than all samples of the pixel.
+BRIGHTER = 1.5
+#: Maximum number of sentences on lamps that add no light.
+MOST_DARK = 4
 
 #: Light that the recorder knows -> its name.
 LIGHTS = {
@@ -48,62 +53,51 @@ LIGHTS = {
 }
 
 
-@dataclass
-class Pair:
-    """Points whose random numbers of the dimension number ``which`` are those of ``other``, the rest of ``one``."""
+class Points:
+    """The points of lanes: those of :class:`.Plan` in lanes whose number ``which`` is :data:`OWN`; elsewhere other
+    points, of which pairs of lanes differ only in the dimension number ``which``, if there is one.
+    """
 
-    one: Any
-    other: Any
-    which: mi.UInt32
-    #: Number of spaces of a node.
-    spaces: int
+    def __init__(self, plan: Plan, which: mi.UInt32, transport: Any, *where: Any) -> None:
+        plans = (replace(plan, uses_sobol=True, shared=0, seed=hash32(plan.seed + number)) for number in (1, 2))
+        self.points: list[Any] = [one.points(*where) for one in (plan, *plans)]
+        #: The dimension, and the number of spaces of a node.
+        self.which, self.spaces = which, NODE_SPACES + transport.lights.count
+        own, one, _ = self.points
+        self.key, self.division = self._own(own.key, one.key), (self._own(own.division[0], where[2]), own.division[1])
+        #: Index of the sample, by which the photon map is chosen.
+        self.t = self._own(own.t, one.t + dr.select(which == PHOTONS, mi.UInt32(1), 0))
 
     def __call__(self, space: Any, active: mi.Bool = True) -> mi.Point2f:
         """Returns the pair of random numbers of a space, as the points of a plan do."""
-        return dr.select(self._differs(space), self.other(space, active), self.one(space, active))
+        return self._chosen(space, *(points(space, active) for points in self.points))
 
     def choice(self, space: Any) -> mi.Float:
         """Returns the single random number of a space, as the points of a plan do."""
-        return dr.select(self._differs(space), self.other.choice(space), self.one.choice(space))
+        return self._chosen(space, *(points.choice(space) for points in self.points))
 
-    @property
-    def t(self) -> mi.UInt32:
-        """Index of the sample, by which the photon map is chosen."""
-        return self.one.t + dr.select(self.which == PHOTONS, mi.UInt32(1), 0)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.one, name)
-
-    def _differs(self, space: Any) -> mi.Bool:
+    def _chosen(self, space: Any, own: Any, one: Any, other: Any) -> Any:
         space = mi.UInt32(space)
         # The spaces of the three rays of a node are one dimension, and those of all lamps another one.
         of_node = dr.clip((space - CAMERA_SPACES) % self.spaces, DIFFUSE, NODE_SPACES) + 1
-        return dr.select(space < CAMERA_SPACES, space, of_node) == self.which
+        differs = dr.select(space < CAMERA_SPACES, space, of_node) == self.which
+        return self._own(own, dr.select(differs, other, one))
+
+    def _own(self, own: Any, further: Any) -> Any:
+        return dr.select(self.which == OWN, own, further)
 
 
-def shares(estimator: Estimator, plan: Plan, x: int, y: int, channels: int) -> tuple[dict[str, float], float]:
-    """Returns the share of each of the :data:`DIMENSIONS` in the variance of the luminance of the pixel (x, y) of the
-    whole film, and the greatest sum of the first ``channels`` channels of a sample. The dictionary is empty if the
-    samples are equal.
+def shares(luminance: np.ndarray) -> dict[str, float]:
+    """Returns the share of each of the :data:`DIMENSIONS` in the variance of the ``luminance`` of further samples, of
+    which the last :data:`PAIRS` differ from the others in one dimension each. The result is empty if they are equal.
     """
-    lanes = dr.arange(mi.UInt32, PAIRS * (len(DIMENSIONS) + 1))
-    one, other = (replace(plan, uses_sobol=True, shared=0, seed=hash32(plan.seed + number)) for number in (1, 2))
-    transport: Any = estimator.transport
-    where = dr.opaque(mi.Int32, x, len(lanes)), dr.opaque(mi.Int32, y, len(lanes))
-    # The last group of lanes differs in no dimension.
-    which, spaces = lanes // PAIRS, NODE_SPACES + transport.lights.count
-    pairs: Any = SimpleNamespace(points=lambda *at: Pair(one.points(*at), other.points(*at), which, spaces))
-    taken, luminance, _ = estimator.sample(pairs, *where, lanes % PAIRS)
-    results = luminance, sum(taken[:channels], mi.Float(0))
-    dr.eval(results)  # together, in one kernel
-    # One value if the scene is empty.
-    values, light = (np.broadcast_to(np.array(v, np.float64), len(lanes)).reshape(-1, PAIRS) for v in results)
-    variance = float(values[-1].var())
-    if not variance > (1e-4 * values[-1].mean()) ** 2:
-        return {}, float(light[-1].max())
-    effects = np.mean((values[:-1] - values[-1]) ** 2, axis=1) / (2 * variance)
+    *others, last = luminance.reshape(-1, PAIRS)
+    variance = float(last.var())
+    if not variance > (1e-4 * last.mean()) ** 2:
+        return {}
+    effects = np.mean((np.array(others) - last) ** 2, axis=1) / (2 * variance)
     # An estimate may be greater than 1, a share may not.
-    return dict(zip(DIMENSIONS, np.minimum(effects, 1).tolist())), float(light[-1].max())
+    return dict(zip(DIMENSIONS, np.minimum(effects, 1).tolist()))
 
 
 def sentences(
@@ -119,20 +113,19 @@ def sentences(
         return ("All samples are equal, so the pixel has no noise.",)
     order = sorted(found, key=found.__getitem__, reverse=True)
     carried = [f"{DIMENSIONS[name][0]} ({found[name]:.0%})" for name in order if found[name] >= 0.05]
+    times = f"{brighter:.2g} times as bright as" if brighter < 1000 else "much brighter than"
+    which, light = f"the {count} samples" if count > 1 else "the sample", noisiest_light(recorder, weights)
     # The shares come from other samples than those that the page shows, which may lack rare bright ones.
     by = f"What carries the variance, by {PAIRS:,} pairs of further samples"
-    said = [f"{by}: {'; '.join(carried)}."] if carried else []
-    if sum(found.values()) > 1.1:
-        said.append("The shares overlap, because some of these random numbers matter only together.")
-    if found[order[0]] < 0.5:
-        said.append("No single kind of random numbers carries half of it.")
-    if brighter > 1.5:
-        times = f"{brighter:.2g} times as bright as" if brighter < 1000 else "much brighter than"
-        said.append(f"The brightest further sample is {times} any sample here; more samples would show such.")
-    which = f"the {count} samples" if count > 1 else "the sample"
-    light = noisiest_light(recorder, weights)
-    said.append(f"In {which} farthest from the mean, {light} differs most from that in a middle sample.")
-    return (*said, f"What would help: {remedy(found)}.")
+    said = {
+        f"{by}: {'; '.join(carried)}.": carried,
+        "The shares overlap, because some of these random numbers matter only together.": sum(found.values()) > 1.1,
+        "No single kind of random numbers carries half of it.": found[order[0]] < 0.5,
+        f"The brightest further sample is {times} any sample here; more samples would show such.": brighter > BRIGHTER,
+        f"In {which} farthest from the mean, {light} differs most from that in a middle sample.": True,
+        f"What would help: {remedy(found)}.": True,
+    }
+    return tuple(sentence for sentence, holds in said.items() if holds)
 
 
 def remedy(found: dict[str, float]) -> str:
@@ -165,13 +158,26 @@ def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
     total = sum(amounts.values())
     brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
     most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
-    said = [f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."]
-    states = recorder.sums("lamp", ("lamp", "shape", "state"))
-    occluders = recorder.sums("lamp", ("lamp", "shape", "occluder"))
-    hidden = [(lamp, shape) for (lamp, shape, state), _ in states.most_common() if state == HIDDEN]
-    for lamp, shape in hidden[:3]:
-        count, seen = states[lamp, shape, HIDDEN], states[lamp, shape, VISIBLE]
-        by = sorted({recorder.shape(other) for *pair, other in occluders if pair == [lamp, shape] and other})
-        points = f"{count} of {count + seen} points of {recorder.lamps[lamp]}"
-        said.append(f"Seen from {recorder.shape(shape)}, {points} are hidden by {' and '.join(by)}.")
-    return tuple(said)
+    said = f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."
+    return (said, *hidden_points(recorder))
+
+
+def hidden_points(recorder: Recorder) -> Iterator[str]:
+    """Yields sentences on the points of lamps that add no light, and on the level of the rays that end there."""
+    levels, groups = defaultdict[int, Counter[str]](Counter), defaultdict[tuple[int, ...], Counter[str]](Counter)
+    for (*place, state, by), number in recorder.sums("lamp", ("level", "shape", "lamp", "state", "occluder")).items():
+        words = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state]
+        for counts in (groups[tuple(place)], levels[place[0]]):
+            counts[words] += number
+    darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
+    for level, shape, lamp in sorted(darkest[:MOST_DARK]):
+        counts = groups[level, shape, lamp]
+        parts = [f"{number} {words}" for words, number in counts.most_common() if words != STATES[VISIBLE]]
+        if parts:
+            points = f"of {counts.total()} points of {recorder.lamps[lamp]}"
+            yield f"Seen from {recorder.shape(shape)} at level {level}, {points}: {', '.join(parts)}."
+    if len(levels) > 1:
+        visible = (
+            f"{levels[level][STATES[VISIBLE]]} of {levels[level].total()} (level {level})" for level in sorted(levels)
+        )
+        yield f"Visible points of lamps: {', '.join(visible)}."

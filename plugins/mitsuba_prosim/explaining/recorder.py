@@ -3,13 +3,18 @@
 The recorder observes the light transport that renders the image, so the recorded samples are those of the image. The
 kernel of the samples itself writes the values as rows of tables, in any order, so the number of kernels does not depend
 on the numbers of rays and lamps.
+
+The rays of one sample are nodes, which are plain data. Numbers of a light or of a throughput are tuples: the values of
+a contribution are those of the film's channels (linear red, green and blue); all others have one value per colour or
+wavelength of the variant. Densities are per solid angle.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -22,19 +27,109 @@ from ..optics.nested import all_shapes
 from ..transport import lobes
 from ..transport.ray import Ray, Vertex
 from ..transport.transport import Transport
-from .nodes import Emission, LampSample, LobeShare, Node, Numbers
 
+Numbers: TypeAlias = "tuple[float, ...]"
+#: A row of a table, and its values as numbers and tuples of Python.
+Row: TypeAlias = "dict[str, Any]"
 #: Id of a shape or emitter -> its name, and its line in the scene file.
 Places: TypeAlias = "Mapping[str, tuple[str, str]]"
 #: The parts of a node's light that are known only as sums.
 SUMS = ("ambient", "background", "photons")
 #: The light that a ray finds, not the surface where it ends.
 FOUND_BY_RAYS = ("emission", "background")
-#: The states of a lamp's point, by number.
-STATES = ("visible", "hidden", "dark")
-VISIBLE, HIDDEN, DARK = range(3)
+#: The states of a lamp's point, by number; "on its back" and "its cone" are those of the lamp.
+STATES = "visible", "hidden", "below the surface", "on its back", "not lit", "outside its cone", "not scattered"
+VISIBLE, HIDDEN, BELOW, BACK, UNLIT, OUTSIDE, UNSCATTERED = range(len(STATES))
+#: The states of points whose light would be scattered if nothing were in the way.
+LIT = STATES[: HIDDEN + 1]
 #: Number of rows for which a table first has room.
 CAPACITY = 1 << 15
+#: A lamp whose direction has a smaller product of cosines counts as below the surface.
+GRAZING = 1e-6
+
+
+@dataclass(frozen=True)
+class LobeShare:
+    """The share of one group of lobes in the light that a surface scatters from a sampled point of a lamp."""
+
+    name: str
+    #: BSDF value times the cosine.
+    bsdf: Numbers
+    #: Density with which the lobes sample the direction of the point; 0 for lobes whose rays do not look for lamps.
+    density: float
+    #: MIS weight of the lamp's sample against the rays of the lobes, and against photons.
+    weight: float
+
+
+@dataclass(frozen=True)
+class LampSample:
+    """A sampled point of a lamp, and the light that a surface scatters from this point."""
+
+    lamp: str
+    point: Numbers
+    #: "visible", "hidden", or why the point adds no light even if nothing is in the way, see :data:`STATES`.
+    state: str
+    #: The shape that is in the way, if there is one.
+    occluder: str | None
+    #: Density of the point, with the probability of the choice of the lamp; 1 for a lamp without extent.
+    density: float
+    #: Radiance of the point, divided by ``density``.
+    weighted_radiance: Numbers
+    lobes: tuple[LobeShare, ...]
+    #: The light that the point adds to the sample of the pixel.
+    contribution: Numbers
+
+
+@dataclass(frozen=True)
+class Emission:
+    """The light of a lamp that a ray meets."""
+
+    lamp: str
+    radiance: Numbers
+    #: Density with which light sampling takes the direction of the ray; 0 if it never does.
+    density: float
+    #: MIS weight of the ray against light sampling, and against photons.
+    weight: float
+    contribution: Numbers
+
+
+@dataclass(frozen=True)
+class Node:
+    """A ray of a tree or path, the surface point that it meets, and the light that it adds to the sample."""
+
+    #: Number of the node; 1 is the camera ray. In a tree, node n reflects node 2 n and refracts node 2 n + 1.
+    number: int
+    #: Number of the node where the ray begins; 0 is the camera.
+    parent: int
+    #: Number of reflections and refractions before the ray.
+    level: int
+    #: The shape that the ray meets, and its line in the scene file where known; None if the ray leaves the scene.
+    shape: str | None
+    line: str | None
+    origin: Numbers
+    direction: Numbers
+    #: Where the ray meets the shape, and the shading normal on the ray's side; None if the ray leaves the scene.
+    position: Numbers | None
+    normal: Numbers | None
+    #: The lobe through which the ray leaves its parent, such as "glossy reflection"; "camera" for the camera ray.
+    lobe: str
+    #: Density of the direction; None for the camera ray and for a lobe with a single direction.
+    density: float | None
+    #: Probability of the choice of a lobe with a single direction among the lobes that share one random number; None
+    #: for other lobes.
+    probability: float | None
+    #: Probability that the ray survives Russian roulette, times the probability of the choice of its lobe in a path.
+    survival: float
+    #: Factor from the radiance of the ray at its end to the radiance of the camera ray.
+    throughput: Numbers
+    lamps: tuple[LampSample, ...]
+    emission: Emission | None
+    #: The light that the ambient term, the background and photons add.
+    ambient: Numbers
+    background: Numbers
+    photons: Numbers
+    #: The light that the node adds to the sample: the sum of all contributions above.
+    contribution: Numbers
 
 
 @dataclass
@@ -42,23 +137,22 @@ class Table:
     """The values of one computation at all rays of all samples: a row for each ray, a column for each value."""
 
     event: str
-    #: Number of rows, and columns of Dr.Jit.
+    #: Number of rows.
     count: mi.UInt32
+    #: Columns of Dr.Jit; after :meth:`converted`, NumPy arrays, whose last axis is that of the rows. The rows of a
+    #: sample follow each other in the order of their computation.
     columns: dict[str, Any]
-    #: The columns as NumPy arrays, whose last axis is that of the rows. The rows of a sample follow each other in the
-    #: order of their computation.
-    rows: dict[str, Any] = field(default_factory=dict)
 
-    def convert(self) -> None:
-        """Sets :attr:`rows`."""
-        count = int(self.count[0])
-        order = np.argsort(np.array(self.columns["sample"])[:count], kind="stable")
+    def converted(self) -> Table:
+        """Returns the table with NumPy arrays as columns."""
+        columns = each(lambda value: np.array(value)[..., : int(self.count[0])], self.columns)
+        order = np.argsort(columns["sample"], kind="stable")
+        return Table(self.event, self.count, each(lambda value: np.nan_to_num(value[..., order]), columns))
 
-        def rows(value: Any) -> np.ndarray:
-            array = np.array(value)[..., :count][..., order]
-            return np.nan_to_num(array) if array.dtype.kind == "f" else array
-
-        self.rows, self.columns = each(rows, self.columns), {}
+    def rows(self, sample: int) -> Iterator[Row]:
+        """Yields the rows of a sample, with tuples and numbers of Python."""
+        for i in range(*np.searchsorted(self.columns["sample"], [sample, sample + 1]).tolist()):
+            yield each(partial(as_numbers, i), self.columns)
 
 
 class Recorder:
@@ -66,34 +160,35 @@ class Recorder:
 
     def __init__(self, transport: Transport, places: Places) -> None:
         self.transport, self.lines = transport, dict(places.values())
-        self.tables: list[Table] = []
-        #: Indices of the samples that are taken; the function that converts the radiance along their camera rays to the
-        #: values of the film's channels; maximum number of rows of a table.
-        self.t, self.capacity = mi.UInt32(0), CAPACITY
+        #: The tables of all samples, and those of the samples that are being taken.
+        self.tables, self.new = list[Table](), list[Table]()
+        #: Indices of the samples that are taken, and whether they are recorded; the function that converts the radiance
+        #: along their camera rays to the values of the film's channels; maximum number of rows of a table.
+        self.t, self.recorded, self.capacity = mi.UInt32(0), mi.Bool(True), CAPACITY
         self.channels: Callable[[mi.Spectrum], Sequence[mi.Float]] = list
         words = {key: name for key, (name, _) in places.items()}
         #: Number of a shape in Dr.Jit -> its name; and the names of the lamps, in the order of their numbers.
         self.shapes = shape_names(transport.scene, words)
-        self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(transport.lights.emitters)]
+        lamps = transport.lights.emitters
+        self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(lamps)]
+        #: Number of a lamp -> the state of points that the lamp does not light.
+        self.unlit = mi.UInt32([OUTSIDE if "angle = " in str(lamp) else UNLIT for lamp in lamps])
 
     def record(self, take: Callable[[], Any]) -> Any:
         """Returns ``take()``, which takes samples, and adds their tables."""
-        begin = len(self.tables)
-        while True:
-            del self.tables[begin:]
-            self.transport.observer = self
-            try:
+        self.transport.observer = self
+        try:
+            while True:
+                self.new = list[Table]()
                 taken = take()
-            finally:
-                self.transport.observer = None
-            dr.eval(taken, [(table.count, table.columns) for table in self.tables[begin:]])
-            most = max(int(table.count[0]) for table in self.tables[begin:])
-            if most <= self.capacity:
-                break
-            self.capacity = most
-        self.tables[begin:] = [table for table in self.tables[begin:] if int(table.count[0])]
-        for table in self.tables[begin:]:
-            table.convert()
+                dr.eval(taken, [(table.count, table.columns) for table in self.new])
+                most = max(int(table.count[0]) for table in self.new)
+                if most <= self.capacity:
+                    break
+                self.capacity = most
+        finally:
+            self.transport.observer = None
+        self.tables += [table.converted() for table in self.new if int(table.count[0])]
         return taken
 
     def __call__(self, event: str, ray: Ray, active: mi.Bool | bool = True, **values: Any) -> None:
@@ -101,40 +196,44 @@ class Recorder:
         if event == "lamp":
             active, values = values["vertex"].smooth, self._lamp_values(**values)
         if "value" in values:
-            values["contribution"] = [*self.channels(ray.throughput * values.pop("value"))]
+            values["contribution"] = (*self.channels(ray.throughput * values.pop("value")),)
         if event == "scatter":
             after, bs = values.pop("after"), values.pop("bs")
-            values |= {"d": after.d, "throughput": after.throughput, "pdf": bs.pdf, "type": bs.sampled_type}
+            values |= {"direction": after.d, "throughput": after.throughput, "pdf": bs.pdf, "type": bs.sampled_type}
         if event == "ray":
-            si = values.pop("si")
+            si, values["throughput"] = values.pop("si"), values.pop("attenuated")
             normal = si.sh_frame.n * dr.select(si.wi.z < 0, mi.Float(-1), 1)
-            values |= {"d": ray.d, "arriving": ray.throughput, "p": si.p, "shape": number_of(si.shape)}
-            values |= {"normal": normal, "o": ray.o, "level": ray.level, "valid": si.is_valid()}
-        values |= {"number": ray.node, "sample": self.t}
-        columns = each(lambda value: dr.empty(type(value), self.capacity), values)
-        table = Table(event, dr.opaque(mi.UInt32, 0), columns)
-        active = dr.full(mi.Bool, True, dr.width(self.t)) & active
+            values |= {"origin": ray.o, "direction": ray.d, "position": si.p, "normal": normal, "valid": si.is_valid()}
+            values |= {"arriving": ray.throughput, "shape": number_of(si.shape)}
+        values |= {"number": ray.node, "level": ray.level, "sample": self.t}
+        table = Table(event, dr.opaque(mi.UInt32, 0), each(lambda v: dr.empty(type(v), self.capacity), values))
+        active = dr.full(mi.Bool, True, dr.width(self.t)) & active & self.recorded
         row = dr.scatter_inc(table.count, dr.zeros(mi.UInt32, dr.width(self.t)), active)
         dr.scatter(table.columns, values, row, active & (row < dr.opaque(mi.UInt32, self.capacity)))
-        self.tables.append(table)
+        self.new.append(table)
 
     def _lamp_values(
         self, vertex: Vertex, sample: Any, terms: Any, f: mi.Spectrum, visible: mi.Bool, lamp: Any, value: Any
     ) -> dict[str, Any]:
-        """Returns the values of a lamp's sample, and traces which shape hides it."""
-        ds, weight = sample
-        scatters = vertex.smooth & (ds.pdf > 0) & (dr.max(dr.abs(f * weight)) > 0)
-        hidden = but_not(scatters, visible)
-        shadow_ray = vertex.si.spawn_ray_to(ds.p)
+        """Returns the values of a lamp's sample, and traces which shape is in its way."""
+        (ds, weight), si, lamp = sample, vertex.si, mi.UInt32(lamp)
+        sent = (ds.pdf > 0) & (dr.max(dr.abs(weight)) > 0)
+        scattered = sent & (dr.max(dr.abs(f * weight)) > 0)
+        cosines = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(si.to_local(ds.d))
+        below = but_not(cosines < GRAZING, mi.Bool(vertex.receiver.both_sides))
+        unlit = dr.gather(mi.UInt32, self.unlit, lamp, vertex.smooth)
+        state = dr.select(sent, mi.UInt32(UNSCATTERED), dr.select(dr.dot(ds.n, ds.d) > 0, BACK, unlit))
+        state = dr.select(scattered, dr.select(visible, mi.UInt32(VISIBLE), HIDDEN), dr.select(below, BELOW, state))
+        hidden = but_not(vertex.smooth & self.recorded & (ds.pdf > 0), visible)
+        shadow_ray = si.spawn_ray_to(ds.p)
         blocker = self.transport.scene.ray_intersect(shadow_ray, mi.RayFlags.Minimal, coherent=False, active=hidden)
         shares = {
             lobe.type_mask: [bsdf, pdf, dr.select(vertex.inseparable & (number > 0), mi.Float(0), part)]
             for number, (lobe, bsdf, pdf, part) in enumerate(terms)
             if lobe is not None
         }
-        state = dr.select(scatters, dr.select(visible, mi.UInt32(VISIBLE), HIDDEN), DARK)
-        values = {"lamp": mi.UInt32(lamp), "p": ds.p, "pdf": ds.pdf, "radiance": weight, "state": state, "value": value}
-        return values | {"occluder": number_of(blocker.shape), "shares": shares}
+        values = {"lamp": lamp, "point": ds.p, "density": ds.pdf, "weighted_radiance": weight, "value": value}
+        return values | {"state": state, "occluder": number_of(blocker.shape), "lobes": shares}
 
     def shape(self, number: Any) -> str:
         """Returns the name of the shape with this number in Dr.Jit."""
@@ -150,15 +249,13 @@ class Recorder:
         emission and background, the shape at which it begins. It is 0 where there is no shape.
         """
         found = Counter[tuple[int, ...]]()
-        for rows in (table.rows for table in self.tables if table.event == event):
+        for rows in (table.columns for table in self.tables if table.event == event):
             number = self._parent(rows["number"]) if event in FOUND_BY_RAYS else rows["number"]
             columns = rows | {"shape": self._shape_at(rows["sample"], number)}
-            chosen = [columns[key].astype(np.int64) for key in keys]
-            sizes = [int(column.max()) + 1 for column in chosen]
-            codes, where = np.unique(np.ravel_multi_index(tuple(chosen), sizes), return_inverse=True)
+            wanted = np.stack([columns[key].astype(np.int64) for key in keys], axis=1)
+            groups, where = np.unique(wanted, axis=0, return_inverse=True)
             amounts = None if weights is None else sum(map(np.float64, rows["contribution"])) * weights[rows["sample"]]
-            totals = np.bincount(where, amounts).tolist()
-            found.update(dict(zip(zip(*(key.tolist() for key in np.unravel_index(codes, sizes))), totals)))
+            found.update(dict(zip(map(tuple, groups.tolist()), np.bincount(where, amounts).tolist())))
         return found
 
     def _parent(self, number: Any) -> Any:
@@ -166,7 +263,7 @@ class Recorder:
 
     def _shape_at(self, sample: np.ndarray, number: np.ndarray) -> np.ndarray:
         """Returns the numbers of the shapes where rays end; 0 where a ray does not exist."""
-        rays = [table.rows for table in self.tables if table.event == "ray"]
+        rays = [table.columns for table in self.tables if table.event == "ray"]
         key, shape = (
             np.concatenate(parts) for parts in zip(*((ray_key(r["sample"], r["number"]), r["shape"]) for r in rays))
         )
@@ -178,48 +275,31 @@ class Recorder:
 
     def nodes(self, sample: int) -> tuple[Node, ...]:
         """Returns the nodes of a sample, in the order in which the rays were followed."""
-        rays, others = list[tuple[Table, int]](), defaultdict[tuple[str, int], list[tuple[Table, int]]](list)
+        rows = defaultdict[tuple[str, int], list[Row]](list)
         for table in self.tables:
-            for i in range(*np.searchsorted(table.rows["sample"], [sample, sample + 1]).tolist()):
-                if table.event == "ray":
-                    rays.append((table, i))
-                else:
-                    others[table.event, int(table.rows["number"][i])].append((table, i))
-        return tuple(self._node(ray.rows, i, others) for ray, i in rays)
-
-    def _node(self, values: Any, i: int, others: Mapping[tuple[str, int], list[tuple[Table, int]]]) -> Node:
-        number, met = int(values["number"][i]), bool(values["valid"][i])
-        parent = int(self._parent(number))
-        shape = self.shape(values["shape"][i]) if met else None
+            for row in table.rows(sample):
+                rows[table.event, row["number"]].append(row)
         black = (0.0,) * len(self.channels(mi.Spectrum(0)))
-        sums: dict[str, Any] = dict.fromkeys(SUMS, black)
-        for name in SUMS:
-            for table, k in others.get((name, number), ()):
-                sums[name] = at(table.rows["contribution"], k)
-        lamps = tuple(self._lamp(table.rows, k) for table, k in others.get(("lamp", number), ()))
-        found = [self._emission(table.rows, k) for table, k in others.get(("emission", number), ())]
-        emission = next((one for one in found if any(one.radiance)), None)
-        parts = [*sums.values(), *(one.contribution for one in lamps), *([emission.contribution] if emission else [])]
-        return Node(
-            number=number,
-            parent=parent,
-            level=int(values["level"][i]),
-            shape=shape,
-            line=self.lines.get(shape or ""),
-            origin=at(values["o"], i),
-            direction=at(values["d"], i),
-            position=at(values["p"], i) if met else None,
-            normal=at(values["normal"], i) if met else None,
-            **self._chosen(values, i, others.get(("scatter", parent), [])),
-            throughput=at(values["attenuated"], i),
-            lamps=lamps,
-            emission=emission,
-            **sums,
-            contribution=tuple(map(sum, zip(black, *parts))),
+        return tuple(
+            self._node(ray, rows, black) for (event, _), rays in rows.items() if event == "ray" for ray in rays
         )
 
+    def _node(self, ray: Row, rows: Mapping[tuple[str, int], list[Row]], black: Numbers) -> Node:
+        def found(event: str, number: int = ray["number"]) -> list[Row]:
+            return rows.get((event, number), [])
+
+        parent, shape = int(self._parent(ray["number"])), self.shape(ray["shape"]) if ray["valid"] else None
+        sums = {name: next((row["contribution"] for row in found(name)), black) for name in SUMS}
+        lamps = tuple(map(self._lamp, found("lamp")))
+        emission = next((self._emission(row) for row in found("emission") if any(row["radiance"])), None)
+        parts = [*sums.values(), *(one.contribution for one in (*lamps, emission) if one)]
+        names = {"parent": parent, "shape": shape, "line": self.lines.get(shape or "")}
+        light = {"lamps": lamps, "emission": emission, "contribution": tuple(map(sum, zip(black, *parts)))}
+        missing = {} if shape else {"position": None, "normal": None}
+        return made(Node, ray | missing | names | self._chosen(ray, found("scatter", parent)) | sums | light)
+
     @staticmethod
-    def _chosen(ray: Any, i: int, left: Sequence[tuple[Table, int]]) -> dict[str, Any]:
+    def _chosen(ray: Row, left: Sequence[Row]) -> Row:
         """Returns the fields ``lobe``, ``density``, ``probability`` and ``survival`` of a node.
 
         ``left`` are the rays that were sampled at the parent: the reflected and the refracted one of a tree, of which
@@ -227,43 +307,37 @@ class Recorder:
         """
         if not left:
             return {"lobe": "camera", "density": None, "probability": None, "survival": 1.0}
-        d = ray["d"][:, i]
-        one, k = min(((t.rows, k) for t, k in left), key=lambda it: float(np.abs(it[0]["d"][:, it[1]] - d).sum()))
-        flags, pdf = int(one["type"][k]), float(one["pdf"][k])
-        ideal = bool(lobes.has_any(flags, *lobes.IDEAL))
-        sampled, followed = max(at(one["throughput"], k)), max(at(ray["arriving"], i))
-        chosen = {"density": None, "probability": pdf} if ideal else {"density": pdf, "probability": None}
-        return {"lobe": lobe_names(flags), "survival": sampled / followed if followed > 0 else 1.0, **chosen}
+        one = min(left, key=lambda row: float(np.abs(np.subtract(row["direction"], ray["direction"])).sum()))
+        ideal = bool(lobes.has_any(one["type"], *lobes.IDEAL))
+        sampled, followed = max(one["throughput"]), max(ray["arriving"])
+        chosen = {"density": None if ideal else one["pdf"], "probability": one["pdf"] if ideal else None}
+        return {"lobe": lobe_names(one["type"]), "survival": sampled / followed if followed > 0 else 1.0, **chosen}
 
-    def _lamp(self, values: Any, i: int) -> LampSample:
-        state, shares = STATES[values["state"][i]], values["shares"].items()
-        return LampSample(
-            self.lamps[int(values["lamp"][i])],
-            at(values["p"], i),
-            state,
-            self.shape(values["occluder"][i]) if state == "hidden" else None,
-            float(values["pdf"][i]),
-            at(values["radiance"], i),
-            tuple(LobeShare(lobe_names(k), at(f, i), float(pdf[i]), float(w[i])) for k, (f, pdf, w) in shares),
-            at(values["contribution"], i),
-        )
+    def _lamp(self, row: Row) -> LampSample:
+        shares = tuple(LobeShare(lobe_names(mask), *share) for mask, share in row["lobes"].items())
+        occluder = self.shape(row["occluder"]) if row["occluder"] else None
+        names = {"lamp": self.lamps[row["lamp"]], "state": STATES[row["state"]]}
+        return made(LampSample, row | names | {"occluder": occluder, "lobes": shares})
 
-    def _emission(self, values: Any, i: int) -> Emission:
-        number = min(int(values["lamp"][i]), len(self.lamps) - 1)
-        weight, density = float(values["weight"][i]), float(values["pdf"][i])
-        return Emission(self.lamps[number], at(values["radiance"], i), density, weight, at(values["contribution"], i))
+    def _emission(self, row: Row) -> Emission:
+        return made(Emission, row | {"lamp": self.lamps[min(row["lamp"], len(self.lamps) - 1)]})
 
 
-def at(column: Any, i: int) -> Numbers:
-    """Returns the components of a column in row ``i`` as Python numbers."""
-    return tuple(float(one[i]) for one in column) if isinstance(column, list) else tuple(column[..., i].tolist())
+def made(kind: type[Any], values: Row) -> Any:
+    """Returns an object of a data class with those of the ``values`` that it has."""
+    return kind(**{field.name: values[field.name] for field in fields(kind)})
+
+
+def as_numbers(i: int, column: np.ndarray) -> Any:
+    """Returns row ``i`` of a column as a number or a tuple of numbers of Python."""
+    return tuple(column[..., i].tolist()) if column.ndim > 1 else column[i].item()
 
 
 def each(function: Callable[[Any], Any], value: Any) -> Any:
-    """Applies a function to the arrays in lists and dictionaries."""
+    """Applies a function to the arrays in dictionaries, lists and tuples."""
     if isinstance(value, dict):
         return {name: each(function, one) for name, one in value.items()}
-    return [each(function, one) for one in value] if isinstance(value, list) else function(value)
+    return type(value)(each(function, one) for one in value) if isinstance(value, list | tuple) else function(value)
 
 
 def number_of(shape: mi.ShapePtr) -> mi.UInt32:
@@ -297,9 +371,13 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
 
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
-    """Returns the name of a shape or emitter: from ``words``, its id, or its class and ``number``."""
-    key = thing.id()
-    return words.get(key, key) if key and not key.startswith("__") else f"{thing.class_name()} {number}"
+    """Returns the name of a shape or emitter: from ``words``, its id, or, as for meshes that Mitsuba has merged, its
+    class and ``number``, with its material from ``words``.
+    """
+    key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
+    if key and not key.startswith("__"):
+        return words.get(key, key)
+    return f"{thing.class_name()} {number}" + (f" of {material}" if material else "")
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:

@@ -110,12 +110,10 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
         return f"{told}, and media scatter light"
     names = None if file is None else places(file)
     try:
-        found = Samples.of(estimator.scene, (x, y), FURTHER, estimator.sensor, integrator, seed, names)
+        found = Samples(estimator.scene, (x, y), FURTHER, estimator.sensor, integrator, seed, names)
     except ValueError:  # the integrator has no samples that can be explained
         return told
-    values = found.values[:, :3]
-    values = luminance(values) if values.shape[1] == 3 else values[:, 0]
-    deviations = np.square(values - values.mean())
+    deviations = np.square(found.luminance - found.luminance.mean())
     variance = samples * error[y, x] ** 2  # of a sample of the image, or of one bright sample among the others
     if deviations.mean() < variance / 8 and deviations.max() < samples * variance / 16:
         return told

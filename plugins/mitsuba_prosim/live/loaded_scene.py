@@ -96,6 +96,5 @@ class LoadedScene:
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"
-        # The line of a scene in the scene language has the name, too.
-        words = {key: line if name in line else f"{name}, {line}" for key, (name, line) in places(self.file).items()}
+        words = {key: line for key, (_, line) in places(self.file).items()}  # the line has the name, too
         return shape_names(self.scene, words).get(compat.shape_number(si.shape), "a shape without a name")

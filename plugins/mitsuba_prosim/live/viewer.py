@@ -119,7 +119,7 @@ class Viewer:
     def explanation(self, x: int, y: int) -> str:
         """Returns the HTML page that explains the pixel (x, y) of the image by the scene's integrator.
 
-        Raises the errors of :meth:`.Samples.of`, and ValueError if no picture has been published.
+        Raises the errors of :class:`.Samples`, and ValueError if no picture has been published.
         """
         scene, picture = self.scene, self.publisher.pictures.get("own")
         if scene is None or picture is None:

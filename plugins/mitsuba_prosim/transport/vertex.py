@@ -129,7 +129,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
         photons_may_find = uses_mis | active & (ray.pdf == 0)
         weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, photons_may_find)
     value, number = dr.select(active, L * weight, 0), lights.number_of(emitter, active)
-    context.observe("emission", ray, value=value, lamp=number, radiance=L, pdf=pdf, weight=weight, active=active)
+    context.observe("emission", ray, value=value, lamp=number, radiance=L, density=pdf, weight=weight, active=active)
     return value, context.layers.of(ray, "emitted", number)
 
 

@@ -58,26 +58,17 @@ __all__ = [
     "translate",
 ]
 
-#: Module -> its public names. A module is imported when one of its names is first used, because the import of all
-#: modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.
-MODULES = {
-    "atomic_files": ("TemporaryFolder", "guard", "refuse_special", "replace"),
-    "geometry": ("TranslationCache",),
-    "language.analysis": ("document_of", "parse"),
-    "language.diagnostics": ("SceneError", "SceneWarning", "Source", "Span"),
-    "language.document": ("Document",),
-    "language.expressions": ("FPS", "FRAME", "TIME"),
-    "language.formatter": ("format",),
-    "mitsuba.translation_context": ("images", "located", "meshes"),
-    "model": ("Leaf", "Scene", "View"),
-    "text_files": ("read", "rewrite"),
-    "translator": ("check", "document", "load", "translate"),
-    "view": ("distortion_message",),
-}
+#: The modules that define the public names. They are imported in this order until a name is found, because the import
+#: of all modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.
+MODULES = (
+    *("atomic_files", "model", "language.diagnostics", "language.document", "language.expressions"),
+    *("language.analysis", "language.formatter", "text_files", "view", "geometry"),
+    *("mitsuba.translation_context", "translator"),
+)
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in MODULES.items():
-        if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
+    for module in MODULES if name in __all__ else ():
+        if hasattr(found := import_module(f"{__name__}.{module}"), name):
+            return getattr(found, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -178,12 +178,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _has_content(path: Path, content: bytes) -> bool:
-    return (
-        path.is_file()
-        and not path.is_symlink()
-        and path.stat().st_size == len(content)
-        and path.read_bytes() == content
-    )
+    return path.is_file() and not path.is_symlink() and path.read_bytes() == content
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:

@@ -12,7 +12,7 @@ from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
 from .detail import with_segments
 from .grouping import group_equal
-from .primitives import PRIMITIVES, CornerAttributes, Cube, Mesh, Primitive, box_corners, with_radius
+from .primitives import CornerAttributes, Cube, Mesh, Primitive, box_corners, primitive_of
 from .solids import Solid, matrices, world_box_corners
 
 #: How far a PLANE extends, relative to the size of the scene.
@@ -104,7 +104,7 @@ def _distinct(document: Document, meshes: Mapping[str, Primitive]) -> Leaves:
     keys = [(leaf.shape, leaf.file, leaf.radius, leaf.index) for _, leaf in document.scene.leaves]
     numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     indices = [index for *_, index in numbers]
-    primitives = [_primitive(shape, file, radius, meshes) for shape, file, radius, _ in numbers]
+    primitives = [meshes[file] if file else primitive_of(shape, radius) for shape, file, radius, _ in numbers]
     with np.errstate(all="ignore"):
         to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
         solids = [
@@ -222,12 +222,6 @@ def tessellation_of(leaves: Leaves) -> Tessellation:
     meshes = [replace(m, vertices=own) for m, own in zip(meshes, np.split(vertices, ends[1:-1]))]
     boxes = np.stack([f.reduceat(vertices, ends[:-1]) for f in (np.minimum, np.maximum)], axis=1)
     return Tessellation(meshes, boxes, first, faces, planes)
-
-
-def _primitive(shape: str, file: str | None, radius: float | None, meshes: Mapping[str, Primitive]) -> Primitive:
-    if file is not None:
-        return meshes[file]
-    return PRIMITIVES[shape] if radius is None else with_radius(shape, radius)
 
 
 def _check_transforms(document: Document, indices: Sequence[int], matrices: np.ndarray, boxes: np.ndarray) -> None:

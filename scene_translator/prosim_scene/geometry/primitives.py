@@ -273,19 +273,19 @@ class Sphere(Primitive):
         return CornerAttributes(p, np.stack([u, v], axis=2), on_axis)
 
 
-class _OfRevolution(Primitive):
+class OfRevolution(Primitive):
     """A slice of a cylinder or a cone about z, from a disc at z = ``low`` to a disc with radius 1 at z = 1. Face 0 is
     the curved side, face 1 is the disc at z = 1, and face 2 is the disc at z = ``low``, if its radius is not 0.
     """
 
     curved = 0
 
-    def __init__(self, narrow: float, low: float, quadric: Sequence[float]) -> None:
+    def __init__(self, name: str, narrow: float, low: float, quadric: Sequence[float]) -> None:
         """Makes a slice of the surface x^2 + y^2 + ... = 0, whose coefficients of x^2, y^2, z^2 and 1 are ``quadric``.
 
         ``narrow`` is the radius of the disc at z = ``low``.
         """
-        self.narrow, self.low = narrow, low
+        self.name, self.narrow, self.low = name, narrow, low
         self.quadrics = np.array([np.diag(quadric), plane(0, 0, 1, -1), plane(0, 0, 1, -low)])[: 3 if narrow else 2]
         self.box = np.array([[-1.0, -1, low], [1, 1, 1]])
         self.placement = np.diag([1, 1, 1 / (1 - low), 1])
@@ -346,24 +346,9 @@ def fan(segments: int) -> np.ndarray:
     return np.stack([np.zeros_like(i), i, i + 1], axis=1)
 
 
-class Cylinder(_OfRevolution):
-    """A cylinder, whose faces are a curved side and two discs."""
-
-    name = "cylinder"
-
-    def __init__(self) -> None:
-        super().__init__(1, 0, (1, 1, 0, -1))
-
-
-class Cone(_OfRevolution):
-    """A cone with its apex at the origin, whose faces are a curved side and one disc; or, with a ``radius``, the part
-    of this cone above the disc of this radius.
-    """
-
-    name = "cone"
-
-    def __init__(self, radius: float = 0.0) -> None:
-        super().__init__(radius, radius, (1, 1, -1, 0))
+def cone(radius: float = 0.0) -> Primitive:
+    """Returns the cone with its apex at the origin; or, with a ``radius``, its part above the disc of this radius."""
+    return OfRevolution("cone", radius, radius, (1, 1, -1, 0))
 
 
 class Torus(Primitive):
@@ -416,11 +401,16 @@ class Torus(Primitive):
 #: Name of a primitive, which is the :attr:`prosim_scene.model.Leaf.shape` -> the primitive.
 PRIMITIVES: dict[str, Primitive] = {
     primitive.name: primitive
-    for primitive in (Cube(), Sphere(), Cylinder(), Cone(), Torus(), Cube("plane", np.zeros((2, 3))))
+    for primitive in (
+        *(Cube(), Sphere(), OfRevolution("cylinder", 1, 0, (1, 1, 0, -1))),
+        *(cone(), Torus(), Cube("plane", np.zeros((2, 3)))),
+    )
 }
 
 
 @lru_cache(maxsize=1024)
-def with_radius(shape: str, radius: float) -> Primitive:
-    """Returns the CONE or the TORUS (``shape``) with this ``radius``."""
-    return {"cone": Cone, "torus": Torus}[shape](radius)
+def primitive_of(shape: str, radius: float | None = None) -> Primitive:
+    """Returns the primitive with the name ``shape``; a CONE or a TORUS may have a ``radius``."""
+    if radius is None:
+        return PRIMITIVES[shape]
+    return Torus(radius) if shape == "torus" else cone(radius)

@@ -79,7 +79,7 @@ def mean_index(context: Context, index: int | None) -> float:
     assert surface.eta is not None
     if len(set(surface.eta)) > 1:
         reason = "n-refr differs between channels: its mean is used, without dispersion; "
-        context.approximate(f"{reason}for dispersion use abbe, or a glass's name", "surfaces", index)
+        context.warn_once(f"{reason}for dispersion use abbe, or a glass's name", "surfaces", index)
     return sum(surface.eta) / 3
 
 

@@ -19,7 +19,7 @@ SAMPLER, LENS = "multijitter", "thinlens"
 
 
 def _approximate(context: Context, reason: str, *path: str | int) -> None:
-    context.approximate(f"stock target: {reason}", *path)
+    context.warn_once(f"stock target: {reason}", *path)
 
 
 def settings(context: Context) -> Node:
@@ -155,7 +155,7 @@ def surface(context: Context, number: int, leaf: Leaf, sides: materials.MediumIn
             _approximate(context, "the mean colour of a pattern replaces it", *path)
             factor = factor * _mean_color(*textures.parameters(scene, texture.name, slot == 1))
     if image is None and max(factor * kd) > 1:
-        context.warn_once(textures.CLIPPED, "surfaces", leaf.index, "kd")
+        context.warn_once(textures.CLIPPED, "surfaces", leaf.index, "kd", each_line=True)
     result = {
         "bsdf": _bsdf(context, leaf.index, surface, sides, image or rgb_clipped(factor * kd), ks),
         **materials.media(context, sides),

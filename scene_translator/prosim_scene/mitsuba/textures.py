@@ -80,7 +80,7 @@ def reflectance(
             return rgb(product)
         if name == "ka":  # Mitsuba's colours are at most 1
             return {"type": "prosim_product", "a": float(largest), "b": rgb(np.divide(product, largest))}
-        context.warn_once(CLIPPED, "surfaces", leaf.index, "kd")
+        context.warn_once(CLIPPED, "surfaces", leaf.index, "kd", each_line=True)
         return rgb_clipped(product)
 
     def inner(factor: Sequence[float]) -> Node:

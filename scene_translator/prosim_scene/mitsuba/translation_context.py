@@ -72,24 +72,18 @@ class Context:
 
     ``samples`` is the number N of samples that the option ``samples`` states, or else NSAMPLES of the scene. The
     function ``image_path`` converts the path of an image file to the file name that the translated scene contains.
-    ``reported`` is the set of approximations of which the user has been warned.
+    ``reported`` is the set of the warnings of :meth:`warn_once`.
     """
 
     def __init__(self, document: Document, options: Options, image_path: Callable[[Path], str]) -> None:
         self.document, self.scene, self.options = document, document.scene, options
         self.samples = options.samples or document.scene.samples
         self.image_path = image_path
-        self.reported = set[str]()
+        self.reported = set[tuple[str, int]]()
 
-    def approximate(self, reason: str, *path: str | int) -> None:
-        """Warns that the translation approximates the scene, once for each ``reason``."""
-        if reason not in self.reported:
-            self.reported.add(reason)
-            self.document.warn(reason, *path)
-
-    def warn_once(self, reason: str, *path: str | int) -> None:
-        """Warns of the value at ``path``, once for each line and ``reason``."""
-        if (key := f"{self.document.line(*path)}: {reason}") not in self.reported:
+    def warn_once(self, reason: str, *path: str | int, each_line: bool = False) -> None:
+        """Warns of the value at ``path``, once for each ``reason``, or once for each line and ``reason``."""
+        if (key := (reason, self.document.line(*path) if each_line else 0)) not in self.reported:
             self.reported.add(key)
             self.document.warn(reason, *path)
 

@@ -2,7 +2,7 @@
 
     python benchmarks/gains.py policies [--scene palito ...] [--size 256] [--rounds 10]
     python benchmarks/gains.py paths --scene "Cornell box" staircase2 --folder SCENES
-    python benchmarks/gains.py denoised | ablations
+    python benchmarks/gains.py denoised | in-time | ablations
 
 ``policies``
     The thesis's tree of rays with the policies ``graded`` and ``neighbours``, compared with the policy ``none``, for
@@ -13,6 +13,8 @@
     lamps) have only direct light, and ``direct`` instead of ``path``.
 ``denoised``
     ``prosim_denoised``, compared with the raw image of the same number of samples.
+``in-time``
+    The same, for images that take eight seconds each.
 ``ablations``
     ``graded`` without one of its parts, compared with the complete ``graded``. The part is adaptive sampling, the
     second judgement (the refinement then ends after one more pass), or the project's light sampling (each emitter's
@@ -84,8 +86,16 @@ def paths(subject: Subject, n: int = 8) -> Entries:
 
 def denoised(subject: Subject, n: int = 6) -> Entries:
     """Returns the runs of the table ``denoised``, in the form of :func:`policies`."""
-    scene, nested = subject.load(), (subject.tree or NESTED) | {"adaptive": "none", "samples": n}
+    scene, nested = subject.load(), (subject.tree or subject.adaptive) | {"adaptive": "none", "samples": n}
     return [Run("denoised", scene, {"type": "prosim_denoised", "nested": nested}), Run("raw", scene, nested)], nested, 0
+
+
+def in_time(subject: Subject, seconds: float = 8) -> Entries:
+    """Returns the runs of the table ``in-time``, in the form of :func:`policies`."""
+    scene, tree = subject.load(), subject.tree or subject.adaptive
+    nested = tree | {"time": seconds}
+    runs = [Run("denoised", scene, {"type": "prosim_denoised", "nested": nested}), Run("raw", scene, nested)]
+    return runs, tree | {"adaptive": "none", "samples": 8}, 0
 
 
 def ablations(subject: Subject, n: int = 8) -> Entries:
@@ -108,7 +118,7 @@ class OtherLights(Run):
             return super().render(seed)
 
 
-TABLES = {"policies": policies, "paths": paths, "denoised": denoised, "ablations": ablations}
+TABLES = {"policies": policies, "paths": paths, "denoised": denoised, "in-time": in_time, "ablations": ablations}
 
 
 def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:

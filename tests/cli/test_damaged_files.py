@@ -128,7 +128,7 @@ def test_wrong_attribute_of_a_checkpoint_is_no_internal_error(state, lamp):
     rng, saved, codes = np.random.default_rng(3), checkpoint.load(state), []
     names = "attributes", "about", "environment"
     header = {name: getattr(saved, name) for name in names}
-    header["attributes"] |= {"estimates": [[4.5, "fast", 0.5]]}
+    header["attributes"] |= {"estimates": [[4.5, 0.5]]}
     sampling = header["attributes"]["sampling"]
     lists = [{**header, "attributes": header["attributes"] | {"sampling": sampling | {name: [1]}}} for name in sampling]
     for other in [*lists, *(with_wrong_value(header, rng) for _ in range(ROUNDS // 3))]:

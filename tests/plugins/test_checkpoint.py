@@ -24,7 +24,7 @@ ATTRIBUTES = {
     "uses_sobol": True,
     "shared": 0,
     "noise": [0.1 + 0.2, float("nan"), 0.0, float("inf")],
-    "estimates": [[4.5, "fast", 0.25]],
+    "estimates": [[4.5, 0.25]],
     "rounds": 1,
     "seconds": 1e-300,
     "finished": True,

@@ -71,5 +71,5 @@ def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:
     if why := final.why_raw:
         facts["prosim.denoised"] = f"no: {why}"
     if final.render.reached and (estimates := final.render.state.estimates):
-        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, networks, ratio of the errors
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, ratio of the errors
     return facts

@@ -25,12 +25,11 @@ BOUND = 1.05
 class FinalError:
     """Measures the error of the final image, which ``denoiser`` makes from two images with half of the samples each.
 
-    A large image gets the same first samples as without a denoiser. If the image without denoising (the raw image)
-    reaches the error target, the render ends, and the raw image is the result. If the raw image still needs many
-    samples, a second image takes the other half of the samples, so that the denoiser can be called. The estimated error
-    of the denoised image then decides how many samples the next pass takes, and between two calls it is extrapolated.
-    The number of samples depends neither on measured times nor on the last bits of the denoiser's output, which differ
-    with the number of threads.
+    A large image gets the same first samples as without a denoiser. If this raw image reaches the error target, it is
+    the result. If it still needs many samples, a second image takes the other half of them, and the denoiser is called.
+    The estimated error of the denoised image then decides how many samples the next pass takes; between two calls it is
+    extrapolated. Neither measured times nor the last bits of the denoiser's output, which differ with the number of
+    threads, change the number of samples.
     """
 
     #: Maximum ratio of the raw image's error to the target at which the denoiser is first called. A smaller value would
@@ -46,10 +45,8 @@ class FinalError:
         self.denoiser = denoiser
 
     def __call__(self, image: Image, second: SecondImage, target: ErrorTarget) -> Measurement:
-        """Returns the error of the final image, and what the render needs next.
-
-        If the denoiser is not called, the error is extrapolated from the denoiser's last call, or is the error of the
-        raw image.
+        """Returns the error of the final image, and what the render needs next; without a call of the denoiser, the
+        error is extrapolated from the last call, or is that of the raw image.
         """
         raw, samples = second.noise(image), mean(image.all_counts())
         excess, cost = target.excess(raw), self.CALL_COST / image.estimator.transport.rays_per_sample
@@ -62,14 +59,14 @@ class FinalError:
         return Measurement(raw, needs_complete=samples * factor >= least and needed(image, factor) >= least)
 
     def _with_both(self, image: Image, target: ErrorTarget, raw: Noise, cost: float) -> Measurement:
-        """Measures the error with two complete images; ``cost`` is that of a call, in samples per pixel."""
+        """``cost`` is that of a call of the denoiser, in samples per pixel."""
         excess, samples, rate = target.excess(raw), mean(image.all_counts()), RATE - RATIO_RATE
         if not image.estimates and (excess > self.FAR or samples < cost):
             return Measurement(raw, max((excess / (self.CLOSE * self.FAR)) ** (1 / RATE), cost / samples))
         by_raw, called = needed(image, (excess / AIM) ** (1 / RATE)), list[Sequence[Any]]()
         while True:
             if estimates := [*image.estimates, *called]:
-                last, _, ratio = estimates[-1]  # the samples and the ratio of the errors at the last call
+                last, ratio = estimates[-1]  # the samples and the ratio of the errors at the last call
                 noise = scaled(raw, ratio * (samples / last) ** RATIO_RATE)
                 excess = target.excess(noise)
                 if last == samples and excess <= 1:
@@ -78,19 +75,18 @@ class FinalError:
                     return Measurement(raw, estimates=called)  # the denoiser saves too few samples
                 if last == samples or excess > 1:  # more samples are needed before the next call
                     return Measurement(noise, (excess / self.CLOSE) ** (1 / rate), estimates=called)
-            result = self.denoiser(image.halves, samples)
+            result = self.denoiser(image.halves, samples, image.estimator.transport.rays_per_sample)
             # Rounded, because the bits of a denoised image depend on the number of threads.
             ratio = float(f"{result.at_most / BOUND / result.raw_noise:.3g}")
-            called.append((samples, "fast" if self.denoiser.fast else "best", ratio))
+            called.append((samples, ratio))
 
 
 def needed(image: Image, ratio: float) -> float:
-    """Returns the mean number of samples per pixel with which the error is as small as with ``ratio`` times the current
-    samples in every pixel.
+    """Returns the mean number of samples per pixel, distributed by the policy, with which the error is as small as with
+    ``ratio`` times the current samples in every pixel.
 
-    The policy of adaptive sampling distributes the samples. If the second image is complete, the result counts the
-    samples of both images. The result is infinite if all pixels would need the maximum number of samples of a pixel,
-    which may not suffice.
+    Samples of a complete second image count. The result is infinite if all pixels would need the maximum number of
+    samples of a pixel, which may not suffice.
     """
     counts = image.crop(counts_for_ratio(image, ratio), image.plan.region)
     if counts.min() == image.plan.max_samples:
@@ -99,5 +95,5 @@ def needed(image: Image, ratio: float) -> float:
 
 
 def scaled(noise: Sequence[float], factor: float) -> Noise:
-    """Returns the four errors of the measurement ``noise`` (:data:`.Noise`), each multiplied by ``factor``."""
+    """Returns the four errors ``noise`` (:data:`.Noise`), each multiplied by ``factor``."""
     return noise[0] * factor, noise[1] * factor, noise[2] * factor, noise[3] * factor

@@ -16,66 +16,72 @@ from .denoise import denoise_halves
 from .denoised import Denoised
 from .oidn import Denoiser
 
-#: Square root of the number of samples of a pixel's features.
-FEATURE_SAMPLES = 4
-
-#: Whether the networks are fast -> time in which a denoiser with features denoises two halves, in multiples of the time
-#: of a call without features. Measured from 128 x 128 to 500 x 500 pixels.
-COSTS = {False: 15.0, True: 2.9}
-#: Maximum share of a time limit for the denoiser.
-SHARE = 0.25
+#: Whether the networks are fast -> square root of the number of samples of a pixel's features; time in which both
+#: halves are denoised, in multiples of the time of a call of the fast networks, from 128 x 128 to 500 x 500 pixels.
+FEATURE_SAMPLES, COSTS = {False: 4, True: 2}, {False: 10.0, True: 2.9}
+#: Maximum share of a time limit for that. The features may take as long again.
+SHARE = 0.07
+#: Time of a call of the fast networks, in rays per pixel; number of rays per pixel from which the best networks save
+#: time, because they replace a fifth of the samples; number of samples of a ray tree after which one image has less
+#: noise than two halves that are denoised.
+CALL_RAYS, BEST_RAYS, ENOUGH = 40, 2400, 256
 
 
 class HalvesDenoiser:
-    """Denoises an image of ``scene`` from two halves of its samples; ``fast`` excludes the best networks."""
+    """Denoises an image of ``scene`` from two halves of its samples; keeps the latest result.
 
-    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, hide_emitters: bool, fast: bool) -> None:
+    ``fast`` tells whether the fast networks are used; None: unless the image has :data:`BEST_RAYS`.
+    """
+
+    def __init__(self, scene: mi.Scene, sensor: mi.Sensor, seed: int, hide_emitters: bool, fast: bool | None) -> None:
         self.scene, self.sensor, self.seed, self.hide_emitters, self.fast = scene, sensor, seed, hide_emitters, fast
         self._latest: tuple[float, Denoised] | None = None
+        self._denoisers: dict[bool, Denoiser] = {}
+        self.reserved = 0.0
 
-    def choose_networks(self, limit: float) -> float:
-        """Sets :attr:`fast` so that denoising takes at most :data:`SHARE` of ``limit`` seconds, and returns its
-        seconds; infinity if even the fast networks take longer.
+    def plan(self, limit: float, rays: float) -> str:
+        """Chooses the networks for a render of ``limit`` seconds, and sets :attr:`reserved` to the seconds of the
+        denoiser. Returns why samples, of ``rays`` rays each, help more; "" if they do not.
         """
         call = seconds_per_pixel() * float(np.prod(self.sensor.film().crop_size()))
-        affordable = [fast for fast, cost in COSTS.items() if cost * call <= SHARE * limit and fast >= self.fast]
-        self.fast = not affordable or affordable[0]
-        return COSTS[self.fast] * call if affordable else float("inf")
+        seconds = {fast: cost * call for fast, cost in COSTS.items() if self.fast in (None, fast)}
+        affordable = [fast for fast, each in seconds.items() if each <= SHARE * limit]
+        if not affordable:
+            return f"the denoiser would take too much of the {limit:g} s"
+        if limit / call * CALL_RAYS > ENOUGH * rays:
+            return f"the samples of {limit:g} s alone leave less noise"
+        self.fast, self.reserved = affordable[0], seconds[affordable[0]]
+        return ""
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the channels of a half: first the film's channels (colours, alpha), then the integrator's channels.
-
-        The channel names are read from the film once and stored, because rendering the albedo and normals later changes
-        the film's channels.
-        """
+        """Names of the channels of a half, stored because the features change the film's channels."""
         return [field.name for field in self.sensor.film().bitmap().struct_()]
 
-    @cached_property
-    def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Albedo and normals of the visible surfaces, see the function :func:`features`."""
-        return features(self.scene, self.sensor, self.seed, self.hide_emitters)
-
-    @cached_property
-    def denoiser(self) -> Denoiser:
-        """The denoiser with the features."""
-        return Denoiser(*self.features, self.fast)
+    def denoiser(self, fast: bool) -> Denoiser:
+        """Returns the denoiser with the features of the view, which are rendered for the first call."""
+        if fast not in self._denoisers:
+            what = self.scene, self.sensor, self.seed, self.hide_emitters, FEATURE_SAMPLES[fast]
+            self._denoisers[fast] = Denoiser(*features(*what), fast)
+        return self._denoisers[fast]
 
     def colours(self, images: list[np.ndarray]) -> list[np.ndarray]:
-        """Returns the colour channels of the developed ``images``, shape (height, width, 1 or 3)."""
+        """Returns the colours of the developed ``images``, shape (height, width, 1 or 3)."""
         return [image[..., : 1 if self.names[0] == "Y" else 3] for image in images]
 
-    def __call__(self, halves: Callable[[], list[np.ndarray]], samples: float) -> Denoised:
+    def __call__(self, halves: Callable[[], list[np.ndarray]], samples: float, rays: float) -> Denoised:
         """Returns the denoised image.
 
-        ``halves`` returns the developed halves, which have ``samples`` samples per pixel together. The latest result is
-        returned again if it has the same samples. Raises RuntimeError if the second half is missing.
+        ``halves`` returns the developed halves, which together have ``samples`` samples per pixel, of about ``rays``
+        rays each. The latest result is returned again if it has the same samples. Raises RuntimeError if the second
+        half is missing.
         """
         if self._latest is None or self._latest[0] != samples:
             images = self.colours(halves())
             if len(images) < 2:
                 raise RuntimeError("the render was stopped before its second half; there is nothing to denoise")
-            self._latest = samples, denoise_halves(images[0], images[1], self.denoiser)
+            fast = samples * rays < BEST_RAYS if self.fast is None else self.fast
+            self._latest = samples, denoise_halves(images[0], images[1], self.denoiser(fast))
         return self._latest[1]
 
 
@@ -89,18 +95,17 @@ def seconds_per_pixel() -> float:
 
 
 def features(
-    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False
+    scene: mi.Scene, sensor: mi.Sensor, seed: int = 0, hide_emitters: bool = False, n: int = 4
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Renders the visible surfaces' albedo and normals by :ref:`integrator-prosim_features`; returns ``(albedo,
-    normal)``, each of shape (height, width, 3).
+    """Renders the visible surfaces by :ref:`integrator-prosim_features` with ``n``² samples per pixel; returns
+    ``(albedo, normal)``, each of shape (height, width, 3).
 
-    The film of ``sensor`` is overwritten, and its filter applies. If ``hide_emitters`` is true, light sources are not
-    visible. The samples of the albedo and normals differ from the samples of an image with the same ``seed``, so that
-    the noise of the albedo and normals is independent of the noise of the image.
+    The film of ``sensor`` is overwritten, and its filter applies. The noise is independent of that of an image with the
+    same ``seed``. If ``hide_emitters`` is true, light sources are not visible.
     """
     nested = create("prosim_features", hide_emitters=hide_emitters)
-    integrator = create("prosim_adaptive", nested=nested, samples=FEATURE_SAMPLES, adaptive="none")
-    integrator.render(scene, sensor, seed=combine(hash32(seed), 2), spp=FEATURE_SAMPLES**2)
+    integrator = create("prosim_adaptive", nested=nested, samples=n, adaptive="none")
+    integrator.render(scene, sensor, seed=combine(hash32(seed), 2), spp=n**2)
     values = np.array(sensor.film().develop())[..., -len(NAMES) :]
     return values[..., :3], values[..., 3:]
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from prosim_scene import extras
+
+from .pyramid import average
 
 
 class MissingError(ImportError):
@@ -27,41 +28,41 @@ class Denoiser:
 
     The features are the albedo in [0, 1] and the normals in [-1, 1], arrays of shape (height, width, 3), or None. The
     denoiser runs on the CPU in all variants of Mitsuba. The last bits of the denoised image depend on the number of
-    threads. ``fast`` selects smaller neural networks; the features are then used without being denoised first.
+    threads. ``fast`` selects smaller neural networks.
     """
 
+    #: Minimum mean difference of an albedo with textures from its surroundings, divided by the mean of the albedo.
+    TEXTURE = 0.05
+
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
-        """Denoises the features, unless ``fast`` is true; raises :class:`MissingError` without ``mitsuba-oidn``."""
+        """Denoises the features, because denoised features preserve more of a texture; if ``fast`` is true, only an
+        albedo with textures. Raises :class:`MissingError` without ``mitsuba-oidn``.
+        """
         self.oidn = load()
         self.device = self.oidn.Device(self.oidn.DeviceType.CPU)
-        quality = self.oidn.Quality
-        # Denoised features preserve more of a texture than noisy features. The best network is worth its time for the
-        # albedo and for the image; for normals the fastest network is equally good.
+        self.quality = self.oidn.Quality.Fast if fast else self.oidn.Quality.High
+        given = {"albedo": albedo, "normal": normal}
+        self.features = {name: np.ascontiguousarray(x, dtype=np.float32) for name, x in given.items() if x is not None}
         #: Whether the denoiser of the image may assume that the features have no noise.
         self.clean = albedo is not None and not fast
-        self.albedo = self._feature("albedo", albedo, None if fast else quality.High)
-        self.normal = self._feature("normal", normal, None if fast else quality.Fast)
-        self.quality = quality.Fast if fast else quality.High
+        if albedo is not None and fast:
+            self.clean = bool(np.abs(albedo - average(albedo)).mean() > self.TEXTURE * albedo.mean())
+        if self.clean:
+            self.features |= {name: self._denoised(name) for name in (("albedo",) if fast else self.features)}
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """Returns the denoised ``image``, linear, of shape (height, width, 1 or 3)."""
         colours = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
-        result = self.oidn.denoise(
-            colours, self.albedo, self.normal, hdr=True, clean_aux=self.clean, quality=self.quality, device=self.device
-        )
-        return np.array(result).mean(2, keepdims=True) if image.shape[2] == 1 else np.array(result)
+        how = {"hdr": True, "clean_aux": self.clean, "quality": self.quality, "device": self.device}
+        result = np.array(self.oidn.denoise(colours, **self.features, **how))
+        return result.mean(2, keepdims=True) if image.shape[2] == 1 else result
 
-    def _feature(self, kind: str, feature: np.ndarray | None, quality: Any) -> np.ndarray | None:
-        """Returns ``feature`` (albedo or normals), denoised if ``quality`` is not None; None for None."""
-        if feature is None:
-            return None
-        feature = np.ascontiguousarray(feature, dtype=np.float32)
-        if quality is None:
-            return feature
-        result = np.empty_like(feature)
+    def _denoised(self, name: str) -> np.ndarray:
+        """Returns a feature, denoised by the fastest network, which is as good for features as the best one."""
+        result = np.empty_like(self.features[name])
         work = self.device.new_filter("RT")
-        work.quality = quality
-        work.set_image(kind, feature)
+        work.quality = self.oidn.Quality.Fast
+        work.set_image(name, self.features[name])
         work.set_image("output", result)
         work.execute()
         return result

@@ -51,8 +51,7 @@ ALLOWED: Mapping[str, Callable[[Any], bool]] = {
     "shared": lambda value: is_integer(value, 0, max(SHARED)),
     "noise": lambda value: len(value) == 4 and all(error != error or is_number(error, 0, np.inf) for error in value),
     "estimates": lambda value: all(
-        is_number(samples, 0.5, 1e9) and kind in ("fast", "best") and is_number(ratio, 0, np.inf)
-        for samples, kind, ratio in value
+        is_number(samples, 0.5, 1e9) and is_number(ratio, 0, np.inf) for samples, ratio in value
     ),
     "rounds": lambda value: is_integer(value, 0, 2**16),
     "seconds": lambda value: is_number(value, 0, 1e12),

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone
-from ..parameters import describe, nested_integrator, reject
+from ..parameters import describe, flag, nested_integrator, reject
 from ..registry import plugin
 
 #: The further channels of the denoised image, with the names of :mod:`..denoising.layers`.
@@ -35,7 +35,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
 
      * - fast
        - |bool|
-       - Use smaller networks, which are several times faster (Default: |false|)
+       - Use smaller networks, which are several times faster (Default: |true| if an image has less than about 2400 rays
+         per pixel)
 
     Renders two halves of the samples and applies Open Image Denoise as far as the halves agree (:doc:`/denoising`).
     Further channels are the :monosp:`raw` and the :monosp:`denoised` image, and the estimated standard errors
@@ -66,7 +67,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        self.fast = props.get("fast", False)
+        self.fast = flag(props, "fast") if "fast" in props else None
         self.nested = nested_integrator(props)
         if type(self.nested) is type(self):
             raise reject(props, "integrator", self.nested.class_name(), "prosim or path, for example")
@@ -78,8 +79,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
         return [*self.nested.aov_names(), *LAYERS]
 
     def cancel(self) -> None:
-        """Ends the render in progress. A cancelled :meth:`render` denoises the samples so far, or raises RuntimeError
-        if a pixel has no sample of the second half of the samples yet.
+        """Ends the render in progress, which denoises the samples so far, or raises RuntimeError if a pixel has no
+        sample of the second half yet.
         """
         self.nested.cancel()
 
@@ -95,12 +96,11 @@ class ProsimDenoised(mi.SamplingIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> mi.TensorXf:
-        """Renders the image with the nested integrator, stores the denoised image in the film, and returns the
-        developed film; an empty tensor if ``develop`` is false.
+        """Renders and denoises the image, stores it in the film, and returns the developed film; an empty tensor if
+        ``develop`` is false. ``evaluate`` is ignored.
 
-        The ``spp`` samples per pixel are divided between two images for the denoiser; if ``spp`` is 0, both images
-        together have about as many samples as a render by the nested integrator alone. The argument ``evaluate`` is
-        ignored.
+        The ``spp`` samples per pixel (0: about as many as those of the nested integrator alone) are divided between two
+        images for the denoiser.
         """
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising import final_image, layers

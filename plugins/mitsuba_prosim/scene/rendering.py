@@ -98,12 +98,10 @@ class Blocking(Steps):
         return [np.array(image) for image in self._images]
 
     def counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel so far, shape (height, width), as the sampler has rounded it. At
-        least one image must have been rendered.
-        """
+        """Returns the number of samples of each pixel so far, shape (height, width), as the sampler has rounded it."""
         sampler = self._sensor.sampler().clone()
         sampler.set_sample_count(self._spp or sampler.sample_count())
-        height, width = self._images[0].shape[:2]
+        width, height = self._sensor.film().crop_size()
         return np.full((height, width), sampler.sample_count() * len(self._images))
 
     def update_film(self) -> None:

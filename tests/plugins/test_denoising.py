@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
-from mitsuba_prosim.denoising import final_image, halves, layers, oidn
+from mitsuba_prosim.denoising import final_image, halves, oidn
 from mitsuba_prosim.denoising.final_error import FinalError
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
@@ -331,7 +331,7 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     )
     for shown, colours in (live.layers()["final"], wanted.final), raw:
         assert np.array_equal(shown, colours * np.ones(3, np.float32))
-    saved = {field.name for field in layers.bitmap(final).struct_()}
+    saved = {field.name for field in final.bitmap().struct_()}
     colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 

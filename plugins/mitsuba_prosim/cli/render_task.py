@@ -331,10 +331,8 @@ def finished_image(
     ended, bitmap = end_cause(render, interrupted), film.bitmap()
     header = report.metadata(job, task.integrator, render.reached, ended, seconds)
     if final is not None:
-        from ..denoising import layers
-
         added = report.denoised_facts(final, interrupted)
-        bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else layers.bitmap(final)
+        bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
     exposure = job.exposure or 0.0
     why_black = black.reason(task.scene, task.sensor, images.colours(bitmap), exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.

@@ -2,7 +2,7 @@
 
 ``oidn`` calls Open Image Denoise, ``mixing`` mixes both images at the scales of ``pyramid``, and ``denoise`` combines
 these steps. ``halves`` denoises the halves of a render, ``final_error`` measures the error of the final image during
-the render, ``final_image`` returns this image, and ``layers`` stores it in a bitmap or a film.
+the render, and ``final_image`` returns this image and its layers.
 """
 
 from .denoise import denoise

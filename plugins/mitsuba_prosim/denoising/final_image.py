@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from ..engine.error_target import mean
+from ..engine.film import put
 from ..engine.render import Render
 from ..scene import rendering
+from ..scene.channels import of_channels, planes
 from ..transport.transport import RAYS_PER_PATH
 from .denoised import Denoised
 from .final_error import FinalError
@@ -100,8 +103,8 @@ class FinalImage:
         """
         images, names, result = self.render.half_images(), self.denoiser.names, {}
         for k in range(1 if names[0] == "Y" else 3, len(names)):
-            planes, name = [image[..., k] for image in images], names[k]
-            total = np.hypot.reduce(planes) if name == "error" else np.add.reduce(planes)
+            both, name = [image[..., k] for image in images], names[k]
+            total = np.hypot.reduce(both) if name == "error" else np.add.reduce(both)
             result[name] = total if name == "samples" else total / len(images)
         return result
 
@@ -130,3 +133,36 @@ class FinalImage:
         second = self.render.second
         noise = self.render.noise_bound() if second is None else second.noise(self.render.state)[0]
         return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), noise)
+
+    def channels(self, colours: Sequence[str]) -> dict[str, np.ndarray]:
+        """Returns the channels of the final image and of all layers: name -> array of shape (height, width).
+
+        They are the colours of the final image, alpha and AOVs, the layers ``raw`` and ``denoised``, and the errors
+        ``error.Y``, ``error_raw.Y`` and ``error_denoised.Y``. ``colours`` are names such as "RGB"; the three colours of
+        a grey image are equal.
+        """
+        result = self.denoised()
+        errors = {"": result.final_error, "_raw": result.raw_error, "_denoised": result.denoised_error}
+        found = planes("", result.final, colours) | self.other_channels()
+        found |= planes("raw.", result.raw, colours) | planes("denoised.", result.denoised, colours)
+        return found | {f"error{name}.Y": error for name, error in errors.items()}
+
+    def bitmap(self) -> mi.Bitmap:
+        """Returns a bitmap with all :meth:`channels`."""
+        return of_channels(self.channels(self.denoiser.names[: self.denoised().final.shape[2]]))
+
+    def update_film(self, names: Sequence[str]) -> None:
+        """Writes the colours, alpha and the :meth:`channels` with these ``names`` to the film of the sensor. Raises
+        ValueError if the film stores neither RGB colours nor the luminance.
+        """
+        film = self.denoiser.sensor.film()
+        if self.denoiser.names[0] not in ("R", "Y"):
+            raise ValueError(
+                f"{film.class_name()}: its colours are {', '.join(self.denoiser.names[:3])}; take pixel_format rgb, "
+                "rgba, luminance or luminance_alpha to denoise"
+            )
+        found = self.channels("RGB")
+        found["W"] = np.ones(found["R"].shape)  # the film divides by this weight
+        alpha = ["A"] * bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
+        values = np.stack([found[name] for name in (*"RGB", *alpha, "W", *names)], axis=2, dtype=np.float32)
+        put(film, mi.TensorXf(values), names)

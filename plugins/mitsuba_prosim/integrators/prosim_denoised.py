@@ -11,7 +11,7 @@ from ..alone import alone
 from ..parameters import describe, flag, nested_integrator, reject
 from ..registry import plugin
 
-#: The further channels of the denoised image, with the names of :mod:`..denoising.layers`.
+#: The further channels of the denoised image, see :meth:`.FinalImage.channels`.
 LAYERS = (
     *(f"{layer}.{colour}" for layer in ("raw", "denoised") for colour in "RGB"),
     *("error.Y", "error_raw.Y", "error_denoised.Y"),
@@ -103,13 +103,13 @@ class ProsimDenoised(mi.SamplingIntegrator):
         images for the denoiser.
         """
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
-        from ..denoising import final_image, layers
+        from ..denoising.final_image import denoised_progressive
 
         seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
-        final = final_image.denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast)
+        final = denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast)
         final.render.run()
         with alone():  # all renders share the film
-            layers.update_film(final, self.aov_names())
+            final.update_film(self.aov_names())
             return final.denoiser.sensor.film().develop() if develop else mi.TensorXf()
 
     def sample(self, *_: Any, **__: Any) -> NoReturn:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics import fresnel
-from scenes import grid, only
+from scenes import derivative, grid, only
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian"}
@@ -171,6 +171,40 @@ def test_weights_do_not_exceed_fresnels_reflectance(variant_rgb, bsdf):
     if kind == "prosim_dielectric":
         bs, weight = bsdf.sample(only(TRANSMITTED), si, *uniform(50000, 4))
         assert dr.all(weight <= 1 / dr.square(bs.eta) * (1 + 1e-4), axis=None)
+
+
+METAL, PAINT = (
+    {"type": "prosim_conductor", "eta": 0.3, "k": 2.0},
+    {"diffuse_reflectance": 0.4, "specular_reflectance": 0.4},
+)
+FACETED = [METAL, {"type": "prosim_dielectric"}, {"type": "prosim_composite", **PAINT}]
+DIFFERENTIATED = [
+    bsdf | lobe | {"multiple_scattering": grooves}
+    for bsdf in FACETED
+    for lobe in ({"alpha": 0.3}, {"exponent": 4.0}, {"alpha": 0.8, "distribution": "gaussian"})
+    for grooves in (False, True)
+]
+DIFFERENTIATED += [METAL | {"alpha": 0.3, "fresnel": "thesis"}, {"type": "prosim_lambertian"}]
+DIFFERENTIATED += [{"type": "prosim_phong", "exponent": 20.0, **PAINT}]
+
+
+@pytest.mark.slow
+@each(DIFFERENTIATED)
+def test_derivatives_match_differences(variant_rgb, bsdf):
+    """Of the sum of values at 256 pairs of directions, by every number and colour."""
+    bsdf = mi.load_dict(bsdf)
+    params, si, wo = mi.traverse(bsdf), curves.interaction(directions(256, 20, True)), directions(256, 21, True)
+    for key in [key for key, _ in params if not params.flags(key) & mi.ParamFlags.NonDifferentiable]:
+        start = type(params[key])(params[key])
+
+        def total(e, key=key, start=start):
+            params[key] = start * (1 + e)
+            params.update()
+            return dr.sum(bsdf.eval(mi.BSDFContext(), si, wo), axis=None)
+
+        low, high = (total(mi.Float(e))[0] for e in (-4e-3, 4e-3))
+        assert derivative(total) == pytest.approx((high - low) / 8e-3, rel=0.01, abs=1e-3), key
+        total(mi.Float(0))
 
 
 def test_numbers_side_by_side_give_directions_side_by_side(variant_rgb):

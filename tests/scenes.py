@@ -229,12 +229,14 @@ def write_serialized(path):
     return {"filename": str(path)}
 
 
+#: Plugins that stand for other shapes.
+COMPOUND = ("blender", "instance", "merge", "shapegroup")
+
+
 def shape_of(name, folder, place=(0, 0, 0)):
-    """A dictionary of the shape plugin ``name`` within 2 of ``place``, facing down, with its files in ``folder``; None
-    if the plugin stands for other shapes. A plugin that is not known here needs no parameters.
+    """A dictionary of the shape plugin ``name`` within 2 of ``place``, facing down, with its files in ``folder``. A
+    plugin that is not known here needs no parameters.
     """
-    if name in ("blender", "instance", "merge", "shapegroup"):
-        return None
     if name.startswith("ellipsoids"):
         values = {"centers": place, "scales": [0.4, 0.2, 0.3], "quaternions": [0, 0, 0, 1]}
         return {"type": name} | {key: mi.TensorXf(np.array([value], np.float32)) for key, value in values.items()}

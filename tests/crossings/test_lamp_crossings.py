@@ -8,7 +8,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from scenes import T, bitmap, camera, diffuse, film, ground, load_scene, plugins_of_mitsuba, rectangle, shape_of
+from scenes import (
+    COMPOUND,
+    T,
+    bitmap,
+    camera,
+    diffuse,
+    film,
+    ground,
+    load_scene,
+    plugins_of_mitsuba,
+    rectangle,
+    shape_of,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -108,35 +120,36 @@ def found(integrator, scene, sensor, samples):
     return statistics([image[..., :3].mean(axis=2).ravel() for image in images])
 
 
-def failures(name, which, folder, logged):
-    """What is wrong with the lamps on the shape ``name`` in one of the :data:`INTEGRATORS`; a warning excuses it."""
-    scene, lamps = lit(name, folder)
-    settings, surfaces = INTEGRATORS[which]
-    integrator = mi.load_dict(settings)
-    for number, lamp in enumerate(lamps):
-        sensor = scene.sensors()[number]
-        expected, error, variance = statistics([rays(scene, sensor, surfaces, seed) for seed in (3, 4)])
+def failures(name, which, scene, lamps, by_rays, logged):
+    """What is wrong with the ``lamps`` on the shape ``name`` in one of the :data:`INTEGRATORS`, beside the statistics
+    ``by_rays`` of each; a warning excuses it.
+    """
+    integrator = mi.load_dict(INTEGRATORS[which][0])
+    for lamp, sensor, (expected, error, variance) in zip(lamps, scene.sensors(), by_rays):
         value = found(integrator, scene, sensor, 64 if which == "caustics" else SAMPLES)
         warned = [one for one in lamps if any(f"'{one}'" in text for _, text in logged)]
         if isinstance(value, str):
             if not warned:
-                yield f"{lamp} on {name}: {value}"
+                yield f"{which}, {lamp} on {name}: {value}"
             continue
         tolerance = 6 * np.hypot(error, value[1]) + (0.06 if which == "caustics" else 0.03) * expected
         noisy = which != "caustics" and value[2] > 4 * 3.6 * variance
         if (not abs(value[0] - expected) <= tolerance or noisy) and lamp not in warned:
-            yield f"{lamp} on {name}: {value}, scattered rays {expected, error, variance}"
+            yield f"{which}, {lamp} on {name}: {value}, scattered rays {expected, error, variance}"
 
 
-@pytest.mark.parametrize("which", INTEGRATORS)
-def test_every_lamp_lights_as_scattered_rays_find(variant_rgb, tmp_path, logged, which):
+@pytest.mark.parametrize("name", [name for name in plugins_of_mitsuba(mi.ObjectType.Shape) if name not in COMPOUND])
+def test_every_lamp_lights_as_scattered_rays_find(variant_rgb, tmp_path, logged, name):
     """Of 36 pixels of two images each: the means differ by at most 6 standard errors (significance below 1e-6) and 3 %,
     or 6 % with photons, which are blurred; the variances by a factor of at most 4 (times 3.6: F's quantile 0.9999).
     """
-    names = [name for name in plugins_of_mitsuba(mi.ObjectType.Shape) if shape_of(name, tmp_path) is not None]
-    assert len(names) > 10
-    found = []
-    for name in names:
+    scene, lamps = lit(name, tmp_path)
+    by_rays = {
+        surfaces: [statistics([rays(scene, sensor, surfaces, seed) for seed in (3, 4)]) for sensor in scene.sensors()]
+        for surfaces in (2, 3)
+    }
+    wrong = []
+    for which, (_, surfaces) in INTEGRATORS.items():
         logged.clear()
-        found += failures(name, which, tmp_path, logged)
-    assert not found, "\n".join(found)
+        wrong += failures(name, which, scene, lamps, by_rays[surfaces], logged)
+    assert not wrong, "\n".join(wrong)

@@ -216,13 +216,10 @@ def test_a_mirror_is_as_bright_in_a_map_around_a_blend(variant_rgb, bounces):
 
 MATT = {"type": "diffuse", "reflectance": 0.8}
 BLENDS = {
-    "plain": blended(MIRROR, MATT),
     "a little": blended(MATT, MIRROR, 0.02),
     "both kinds": blended({"type": "plastic", "diffuse_reflectance": 0.8}, ROUGH),
     "blend of blends": blended(blended(MIRROR, MATT, 0.3), blended(ROUGH, MIRROR, 0.6)),
-    "twosided": two_sided(blended(MIRROR, ROUGH)),
     "mask": masked(blended(MIRROR, MATT), 0.9),
-    "bumpmap": in_bumps(blended(MIRROR, MATT)),
     "normalmap": normal_mapped(two_sided(blended(ROUGH, MIRROR, 0.8))),
     "blend of maps": blended(in_bumps(MIRROR), normal_mapped(MATT)),
     "blend of a map around a blend": blended(in_bumps(blended(MIRROR, MATT)), ROUGH, 0.3),

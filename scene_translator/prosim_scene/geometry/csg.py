@@ -173,10 +173,11 @@ def evaluate_chain(operands: Sequence[Operand]) -> Body | None:
     boxes = np.array([body.box for body in subtracted])
     passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
-    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands):
+    divisible = _divisible(operands)
+    if divisible and sum(len(cutters) for _, cutters in cuts) <= len(operands):
         return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
     runs = [(sign, [body for _, body in run]) for sign, run in groupby(operands, itemgetter(0))]
-    return _evaluate_runs(runs, len(runs) if _share_surfaces([body for _, body in operands]) else MAX_RUNS)
+    return _evaluate_runs(runs, MAX_RUNS if divisible else len(runs))
 
 
 def _evaluate_runs(runs: Sequence[tuple[str, list[Body]]], most: int) -> Body | None:

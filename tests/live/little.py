@@ -66,8 +66,14 @@ def ask(address, path="", method="GET", **headers):
 
 def state_when(address, status):
     """The state of the page's viewer, as soon as its status is this."""
-    states = iter(lambda: json.loads(ask(address, "events")[1].removeprefix(b"data: ")), None)
-    return next(state for state in states if state["status"] == status)
+    states = []
+
+    def found():
+        states.append(json.loads(ask(address, "events")[1].removeprefix(b"data: ")))
+        return states[-1]["status"] == status
+
+    until(found)
+    return states[-1]
 
 
 def new_page(browser, **options):

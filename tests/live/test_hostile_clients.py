@@ -82,8 +82,7 @@ def test_silent_connection_is_closed(path):
         client = socket.create_connection(("127.0.0.1", urlsplit(address).port), timeout=PATIENCE)
         client.sendall(b"GET / HTTP/1.1\r\nX: ")
         with suppress(ConnectionError):
-            while not select.select([client], [], [], 0.2)[0]:
-                client.sendall(b"x")
+            until(lambda: select.select([client], [], [], 0.2)[0] or client.sendall(b"x"))
             assert client.recv(100) == b""
 
 

@@ -9,6 +9,7 @@ from mitsuba_prosim.live import viewer
 from mitsuba_prosim.live.scene_watcher import SceneWatcher
 from mitsuba_prosim.scene.confinement import OutsideError
 from prosim_start import group
+from waiting import PATIENCE, until
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def test_watcher_notices_changes_of_the_scenes_files_only(scene):
     files = SceneWatcher(scene)
     files.opened([scene.parent / ("é" * 200) / "wood.png"])  # the name of that folder is too long
 
-    def noticed(act, seconds=20):
+    def noticed(act, seconds=PATIENCE):
         """Whether it is noticed after ``act()``."""
         act()
         end = time.monotonic() + seconds
@@ -54,8 +55,7 @@ def test_watcher_waits_until_a_file_is_written(scene, monkeypatch):
     stamps = iter([(1,), (2,), (3,), (3,), (4,)])
     monkeypatch.setattr("mitsuba_prosim.live.scene_watcher.stamp", lambda path: next(stamps, (4,)))
     files = SceneWatcher(scene)
-    while not files.changed():
-        time.sleep(0.005)
+    until(files.changed)
     assert next(stamps, None) is None
     time.sleep(0.1)
     assert not files.changed()

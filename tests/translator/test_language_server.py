@@ -57,12 +57,17 @@ async def opened(editor, text, uri=URI):
 
 async def told(editor, version, times=1):
     """What is published for a version of a text, once or several times."""
+    found = await reached(lambda: [one for one in editor.published if one.version == version][times - 1 :])
+    return found[0].diagnostics
+
+
+async def reached(condition):
+    """What the condition returns as soon as it is true."""
     for _ in range(200 * PATIENCE):
-        found = [one.diagnostics for one in editor.published if one.version == version]
-        if len(found) >= times:
-            return found[times - 1]
+        if found := condition():
+            return found
         await asyncio.sleep(0.005)
-    raise TimeoutError(version)
+    raise TimeoutError
 
 
 async def typed(editor, *texts):
@@ -116,8 +121,7 @@ async def test_server_answers_while_a_tree_is_evaluated(editor):
     """Errors are published at once, and questions are answered, while it is evaluated by another process."""
     text, server = crowded(), psutil.Process().children()
     assert not await opened(editor, text)
-    while not (evaluating := [child for one in server for child in one.children()]):
-        await asyncio.sleep(0.005)
+    evaluating = await reached(lambda: [child for one in server for child in one.children()])
     hover = await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(text, "raio", 1)))
     assert "the radius" in hover.contents.value
     assert evaluating[0].is_running()

@@ -119,7 +119,7 @@ def crowded():
 
 async def test_server_answers_while_a_tree_is_evaluated(editor):
     """Errors are published at once, and questions are answered, while it is evaluated by another process."""
-    text, server = crowded(), psutil.Process().children()
+    text, server = crowded(), [one for one in psutil.Process().children() if one.cmdline()[-1:] == SERVER[-1:]]
     assert not await opened(editor, text)
     evaluating = await reached(lambda: [child for one in server for child in one.children()])
     hover = await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(text, "raio", 1)))

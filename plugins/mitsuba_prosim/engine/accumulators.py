@@ -11,7 +11,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import double, dr_array
-from .standard_error import standard_error
 
 #: Maximum brightness of a sample in the estimated error, so that the squares of N² samples are finite. Sums of 64 bits
 #: allow its square.
@@ -91,24 +90,6 @@ class Accumulators:
         for mine, new in ((self.sums, packets()(values.sums)), *zip(self.others, values.others)):
             dr.scatter(mine, new, pixel, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self)
-
-    def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns each pixel's sum, sum of squares and number of samples, in 64 bits: a variance is a difference."""
-        total, squares, count = (np.array(v, dtype=np.float64) for v in (self.total, self.squares, self.count))
-        return total, squares, count
-
-    def error(self, n: int) -> np.ndarray:
-        """Returns the standard error of the mean luminance of each pixel, as 32-bit floats with one entry per pixel.
-
-        If a pixel has at least two complete passes of ``n`` samples, and no incomplete pass, the error is estimated
-        from the means of the passes. If a pixel has only one pass, or an incomplete pass, the error is estimated from
-        the single samples. The error is NaN for a pixel without samples, and 0 for a pixel with one sample.
-        """
-        total, squares, count = self.statistics()
-        with np.errstate(all="ignore"):  # the error is NaN without samples
-            between = standard_error(total / n, np.array(self.pass_squares), count / n)
-            single = standard_error(total, squares, count)
-            return np.float32(np.where((count > n) & (count % n == 0), between, single))
 
 
 def packets() -> Any:

@@ -39,14 +39,14 @@ def film_values(image: PixelSet) -> mi.TensorXf:
     # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
     # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
     for place, (index, active) in zip(reversed(range(len(sources))), sources):
-        index += first
-        count = dr.gather(mi.UInt32, sums.count, index, active)
+        row = index + first
+        count = dr.gather(mi.UInt32, sums.count, row, active)
         weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
-        values = sums.film_sums(index, place, len(channels.names), active)
+        values = sums.film_sums(row, place, len(channels.names), active)
         totals = [total + weight * value for total, value in zip(totals, values)]
     weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
     for name in channels.own_aovs:
-        statistic = sums.count if name == "samples" else dr_array(sums.error(plan.n))
+        statistic = dr_array(image.count if name == "samples" else image.error())
         totals.append(weight * mi.Float(dr.gather(type(statistic), statistic, index)))
     values = dr.ravel(mi.ArrayXf([mi.Float(total) for total in totals]))
     dr.eval(values)

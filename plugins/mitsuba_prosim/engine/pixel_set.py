@@ -8,6 +8,7 @@ import numpy as np
 from .accumulators import Accumulators
 from .estimator import Estimator
 from .plan import Plan, Rectangle
+from .standard_error import standard_error
 
 
 class PixelSet:
@@ -34,10 +35,21 @@ class PixelSet:
         return np.array(self.accumulators.count)[self.own]
 
     def statistics(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns :meth:`.Accumulators.statistics` of the pixels of this set."""
-        total, squares, count = (values[self.own] for values in self.accumulators.statistics())
+        """Returns each pixel's sum, sum of squares and number of samples, in 64 bits: a variance is a difference."""
+        sums = self.accumulators
+        arrays = (np.array(v, dtype=np.float64) for v in (sums.total, sums.squares, sums.count))
+        total, squares, count = (values[self.own] for values in arrays)
         return total, squares, count
 
     def error(self) -> np.ndarray:
-        """Returns :meth:`.Accumulators.error` of the pixels of this set."""
-        return self.accumulators.error(self.plan.n)[self.own]
+        """Returns the standard error of the mean luminance of each pixel, as 32-bit floats with one entry per pixel.
+
+        If a pixel has at least two complete passes of ``plan.n`` samples, and no incomplete pass, the error is
+        estimated from the means of the passes. If a pixel has only one pass, or an incomplete pass, the error is
+        estimated from the single samples. It is NaN for a pixel without samples, and 0 for a pixel with one sample.
+        """
+        (total, squares, count), n = self.statistics(), self.plan.n
+        with np.errstate(all="ignore"):  # the error is NaN without samples
+            between = standard_error(total / n, np.array(self.accumulators.pass_squares)[self.own], count / n)
+            single = standard_error(total, squares, count)
+            return np.float32(np.where((count > n) & (count % n == 0), between, single))

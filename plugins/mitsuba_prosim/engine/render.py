@@ -211,7 +211,7 @@ class Render(Steps):
     def noise_bound(self) -> float:
         """Returns an upper bound of the RMS error of the displayed image (white = 1).
 
-        The bound is estimated from the samples within each pixel (:meth:`.Accumulators.error`), as if these samples, or
+        The bound is estimated from the samples within each pixel (:meth:`.PixelSet.error`), as if these samples, or
         the passes, were independent. The samples are better distributed than independent samples, so the actual error
         is smaller than the bound; only a second image can measure the actual error. The bound is NaN
         where it would be a guess: if a pixel has fewer than two samples, if there are fewer than :data:`FEW` per pixel,

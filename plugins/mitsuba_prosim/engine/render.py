@@ -132,30 +132,32 @@ class Render(Steps):
         image, (plan, wanted, expected) = self.state, request
         # Number of samples that the batch lacks, and number that it has taken. The pass is complete if both agree in
         # the last batch.
-        missing = taken = 0
+        missing, taken, several = 0, 0, bool(np.any(wanted > 1))
         for by, batch in photon_batches(image, plan, wanted):
             # A pixel that converged in the previous batch still lacks samples, and takes none.
             have, taken = int(np.array(image.accumulators.count)[: len(wanted)].sum(dtype=np.int64)), 0
             missing = int(lacking(image, batch).sum())
-            items = work_items(image, by, batch, self.executor, self.target.item_seconds)
+            # The time limit cannot end a pass that takes the first samples, so it does not make its items small either.
+            seconds = self.target.item_seconds if several else np.inf
+            items = work_items(image, by, batch, self.executor, seconds)
             with closing(self.executor(items)) as results:
-                for item in results if not self._must_end(wanted) else ():
+                for item in results if not self._must_end(several) else ():
                     if item is not None:
                         taken += item.samples
                         self._done = self.target.progress((have + taken) / expected if expected else self._done)
                     yield Step(self._done, False)
-                    if taken < missing and self._must_end(wanted):
+                    if taken < missing and self._must_end(several):
                         break
         self._complete = taken == missing
 
-    def _must_end(self, wanted: np.ndarray) -> bool:
-        """Tells whether the current pass, in which the pixels get ``wanted`` samples, must end now.
+    def _must_end(self, several: bool) -> bool:
+        """Tells whether the current pass, in which pixels get ``several`` samples or only the first, must end now.
 
         A pass ends early if :meth:`stop` was called or if the time limit is reached. The time limit does not end a pass
         that takes only the first sample of each pixel. :meth:`stop` does not end a pass that follows an incomplete
         pass, because this pass takes the first samples of pixels without samples.
         """
-        return bool((self._complete and self._stopped) or (np.any(wanted > 1) and self.target.time_is_up))
+        return bool((self._complete and self._stopped) or (several and self.target.time_is_up))
 
     @property
     def finished(self) -> bool:

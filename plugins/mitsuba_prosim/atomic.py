@@ -62,7 +62,7 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
 
 def rescue(contents: Mapping[Path, Content]) -> list[Path]:
     """Writes files to a new folder in the temporary folder, the home folder, the current folder or ``/dev/shm``, the
-    first of these where all can be written, and returns their paths. Raises OSError if none is.
+    first where all can be written, and returns their paths. Raises OSError if there is none.
     """
     failures = []
     for place in map(Path, (tempfile.gettempdir(), os.path.expanduser("~"), ".", "/dev/shm")):

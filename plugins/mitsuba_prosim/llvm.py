@@ -26,7 +26,7 @@ def version() -> tuple[int, ...] | None:
 
 
 def library() -> str | None:
-    """Returns the path of the LLVM that Dr.Jit has loaded (except on Linux, just ``DRJIT_LIBLLVM_PATH``), or None."""
+    """Returns the path of the LLVM that Dr.Jit has loaded, or None; ``DRJIT_LIBLLVM_PATH`` if not on Linux."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
             return next((line.split(maxsplit=5)[5].strip() for line in maps if "/libLLVM" in line), None)

@@ -18,8 +18,8 @@ def but_not(a: mi.Bool, b: mi.Bool) -> mi.Bool:
 
 
 def idle(active: mi.Bool) -> bool:
-    """Tells whether ``active`` is known to be false, which is possible only in scalar variants: then the shape, BSDF or
-    emitter that the caller would use may be None.
+    """Tells whether ``active`` is known to be false, which only scalar variants can know: the shape, BSDF or emitter
+    that the caller would use may be None.
     """
     return not dr.is_jit_v(active) and not active
 

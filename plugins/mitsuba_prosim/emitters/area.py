@@ -151,8 +151,8 @@ class Area(Source):
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Samples a point of the light source, as seen from ``it``; returns ``(ds, weight)``: its radiance, divided by
-        the density ``ds.pdf`` per solid angle. Both are 0 if the source faces away there, or nothing can sample it.
+        """Samples a point of the light source, as seen from ``it``; returns ``(ds, weight)``, where ``weight`` is
+        radiance / ``ds.pdf``, per solid angle. Both are 0 if the point faces away, or nothing can sample it.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
         if not self.sampler:
@@ -186,7 +186,7 @@ class Area(Source):
         return dr.select(active, pdf, mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
-        """Returns the density ``pdf`` of `Shape.sample_direction`, with full precision for a small or distant sphere.
+        """Corrects ``pdf``, Mitsuba's density of `Shape.sample_direction`, for a small or distant sphere.
 
         Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
         of the half-angle loses digits; here it is sin² / (1 + cos), where sin² = (r/d)² is below 0.9.

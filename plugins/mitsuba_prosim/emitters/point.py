@@ -132,8 +132,8 @@ class Point(Source):
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.Ray3f, mi.Spectrum]:
-        """Samples an emitted ray; returns ``(ray, weight)``: the intensity, divided by the densities of the direction
-        and of the wavelengths. Raises RuntimeError if the source is ``unattenuated``.
+        """Samples an emitted ray; returns ``(ray, weight)``; ``weight`` is intensity / densities of direction and
+        wavelengths. Raises RuntimeError if the source is ``unattenuated``.
         """
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")

@@ -63,7 +63,7 @@ class Image(PixelSet):
     # ---------------------------------------------------------------- changes of the state
 
     def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
-        """Begins a pass to ``wanted`` samples a pixel, by the policy's next decision or the one numbered ``rounds``."""
+        """Begins a pass to ``wanted`` samples a pixel; ``rounds`` numbers its decision, by default the next."""
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
 
     def end_pass(self) -> None:

@@ -69,7 +69,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self._scalar: Any = None  # the transport during a render in a scalar variant
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> Any:
-        """Returns the :class:`.Transport` of rays in ``scene``; ``attached``: with derivatives."""
+        """Returns the :class:`.Transport` of rays in ``scene``, with derivatives if ``attached``."""
         # A subclass defines this method.
         raise NotImplementedError
 
@@ -249,7 +249,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self._derivatives(scene, sensor, seed, spp).backward(grad_in)
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
-        """Renders; returns what computes derivatives. Raises RuntimeError with a time limit and no ``spp``."""
+        """Renders, and returns the :class:`.Derivatives`. Raises RuntimeError for a time without ``spp``."""
         from .derivatives import Derivatives
 
         if self.time and not spp:

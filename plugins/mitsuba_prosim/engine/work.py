@@ -151,7 +151,7 @@ class Executor:
         self.measured += 1
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
-        """Computes the work items ``items`` one by one, stores their sums, and yields them."""
+        """Computes the work items ``items`` one by one, stores their sums, and yields each."""
         for item in items:
             started = time.perf_counter()
             item.compute()

@@ -71,7 +71,7 @@ _TINY = 1e-35
 def _direction_in_ellipse(
     cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
 ) -> mi.Vector3f:
-    """Returns the direction, in the local frame, to the point of the ellipse that ``sample`` in [0, 1)² selects."""
+    """Returns the local direction to the point, uniform in the ellipse, that ``sample`` in [0, 1)² selects."""
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
     p = mi.warp.square_to_uniform_disk_concentric(sample)

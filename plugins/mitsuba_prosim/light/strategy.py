@@ -102,14 +102,14 @@ class OtherLights:
 
 
 class UnsampledLights(OtherLights):
-    """Finds lamps that Mitsuba cannot sample by rays that have the density of a white diffuse surface.
+    """Finds, by rays that have a white diffuse surface's density, lamps that Mitsuba cannot sample.
 
     Objects hide these lamps even if the parameter ``shadows`` of the integrator is false.
     """
 
     @staticmethod
     def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a surface without :func:`.point_sampler`."""
+        """Tells whether ``emitter`` is a surface that nothing can sample."""
         surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
         return (
             surface and not mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection) and not point_sampler(emitter)

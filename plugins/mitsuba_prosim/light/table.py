@@ -62,8 +62,8 @@ class Lamp:
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with :attr:`two_sided` where both sides of ``receiver`` receive light, unless the lamp's
-        own strategies sample the part below the horizon, too; else with these.
+        """Calls ``evaluate`` with :attr:`two_sided` where both sides of ``receiver`` receive light, else, or if all the
+        lamp's strategies sample below the horizon, with its own.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)
@@ -151,8 +151,8 @@ class Lights:
         return Lamp(k, dr.gather(mi.EmitterPtr, self.pointers, k), groups or self.groups, self.two_sided)
 
     def for_each(self, body: Callable[[Lamp, Any], Any], total: Any, active: mi.Bool, evaluated: bool = False) -> Any:
-        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. Only an
-        ``evaluated`` loop keeps derivatives of ``total``.
+        """Computes ``total = body(lamp, total)`` for each lamp in turn, and returns the last total. A symbolic loop
+        (not ``evaluated``) loses derivatives.
         """
         unrolled, mode = self.lamps <= self.UNROLLED, "evaluated" if evaluated else None
         for strategy, first, end in self.groups:
@@ -165,8 +165,8 @@ class Lights:
         return total
 
     def pdf(self, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which light sampling at ``receiver`` samples ``ds``, including the
-        choice of the lamp; 0 for the sky.
+        """Returns the density per solid angle with which light sampling at ``receiver`` samples ``ds``, times the
+        lamp's probability; 0 for the sky.
         """
         k = self.number_of(ds.emitter, active)
         active = active & (k < self.lamps)

@@ -98,7 +98,7 @@ class Caustics:
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
-        """Returns the photons, at least 1, of each pair of light source and target in a photon map."""
+        """Returns how many photons, at least 1, a pair of light source and target has in a map."""
         return max(self.count // (self.maps(n) * self.sources.pairs), 1)
 
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:

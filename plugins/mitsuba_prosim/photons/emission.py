@@ -78,7 +78,7 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 
 def can_be_aimed(emitter: mi.Emitter) -> bool:
     """Tells whether photons of ``emitter`` can be aimed at a target: it is a point, infinitely far away, or a surface
-    that emits in many directions (``directionalarea`` has the flag DeltaDirection) and has a :func:`.point_sampler`.
+    that emits in many directions (not ``directionalarea``, flag DeltaDirection) and has a :func:`.point_sampler`.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)

@@ -71,7 +71,7 @@ class Hit(Surface):
     density: mi.Float
 
     def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
-        """Returns :class:`.Landed` photons; ``weight`` is 1 / the probability of landing; ``density`` theirs."""
+        """Returns the photons as :class:`.Landed`, which they are with the probability 1 / ``weight``."""
         return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * weight), mi.Bool(True), density, self.level)
 
 
@@ -264,8 +264,8 @@ def quotient(value: mi.Float, pdf: mi.Float) -> mi.Float:
 
 def near_specular_bsdfs(scene: mi.Scene) -> frozenset[mi.BSDF]:
     """Returns the glossy BSDFs of ``scene`` whose :func:`density_of_rays` is above :data:`MIN_DENSITY`, and above
-    :data:`MIN_DENSITY_RATIO` times that of the roughest one. Inseparable BSDFs are neither; a dispersive BSDF may only
-    be the roughest.
+    :data:`MIN_DENSITY_RATIO` times that of the roughest one. Inseparable BSDFs do not count; a dispersive one, only as
+    the roughest.
     """
     glossy = [b for b in all_bsdfs(scene) if lobes.has_any(int(b.flags()), *lobes.GLOSSY) and not is_inseparable(b)]
     if len(glossy) < 2:

@@ -89,7 +89,7 @@ def intersect(
 
 
 def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Ray:
-    """Returns ``ray``, which is also ``ray3``, after the absorption in the medium before ``si``, over the distance
+    """Returns ``ray``, given also as ``ray3``, after the absorption in the medium before ``si``, over the distance
     :data:`.UNBOUNDED` where it meets no surface. A camera ray gets its medium (:func:`.medium_before`).
     """
     met = active & si.is_valid()

@@ -489,6 +489,19 @@ def test_time_limit_takes_samples_where_a_ray_tree_has_enough(variant_rgb, monke
         assert denoised or "alone leave less noise" in final.why_raw
 
 
+def test_time_limit_takes_samples_where_details_are_small(variant_rgb, denoiser, monkeypatch):
+    """Pixels of hair or foliage have other surfaces than their neighbours."""
+    normal = np.random.default_rng(3).uniform(-1, 1, (16, 16, 3))
+    monkeypatch.setattr(halves, "seconds_per_pixel", lambda: 1e-5 / 16**2)
+    for contrast, denoised in ((0.05, True), (1, False)):
+        found = np.float32([0, 0, 1]) + np.float32(contrast) * normal
+        monkeypatch.setattr(halves, "features", lambda *_, found=found: (np.ones_like(found), found))
+        scene = mi.load_dict(penumbra(size=16, type="prosim", diffuse_bounces=-1, samples=2, time=1e-3))
+        final = final_image.denoised_progressive(scene, 0, scene.integrator())
+        assert (final.render.target.reserved > 0) == denoised
+        assert denoised or "small details" in final.why_raw
+
+
 def test_time_limit_takes_samples_where_the_filter_is_wide(variant_rgb, denoiser):
     """Its image has the samples of a render without denoiser, in one image and not in halves."""
     scene = mi.load_dict(penumbra(size=16, rfilter="gaussian", type="prosim", samples=2, time=1e-3))

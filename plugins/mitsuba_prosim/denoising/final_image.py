@@ -74,9 +74,8 @@ def denoised_progressive(
     spent, measure = time.perf_counter() - started, None if why_raw else FinalError(denoiser)
     render = rendering.progressive(scene, sensor, integrator, seed, spp, measure=measure, **options)
     final = FinalImage(render, denoiser, why_raw)
-    if limit and not why_raw:  # renders the features before the first sample, and the names before, which they change
-        assert denoiser.names and denoiser.denoiser(bool(denoiser.fast))
-        render.target.reserved = denoiser.reserved
+    if limit:
+        render.target.reserved = 0.0 if why_raw else denoiser.reserved
         render.target.started -= spent
     return final
 

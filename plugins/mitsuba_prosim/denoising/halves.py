@@ -15,6 +15,7 @@ from ..transport.features import NAMES
 from .denoise import denoise_halves
 from .denoised import Denoised
 from .oidn import Denoiser
+from .pyramid import unevenness
 
 #: Whether the networks are fast -> square root of the number of samples of a pixel's features; time in which both
 #: halves are denoised, in multiples of the time of a call of the fast networks, from 128 x 128 to 500 x 500 pixels.
@@ -25,6 +26,8 @@ SHARE = 0.07
 #: time, because they replace a fifth of the samples; number of samples of a ray tree after which one image has less
 #: noise than two halves that are denoised.
 CALL_RAYS, BEST_RAYS, ENOUGH = 40, 2400, 256
+#: Maximum unevenness of the normals of an image that a denoiser improves more than samples do.
+DETAILS = 0.3
 
 
 class HalvesDenoiser:
@@ -37,7 +40,8 @@ class HalvesDenoiser:
         self.scene, self.sensor, self.seed, self.hide_emitters, self.fast = scene, sensor, seed, hide_emitters, fast
         self._latest: tuple[float, Denoised] | None = None
         self._denoisers: dict[bool, Denoiser] = {}
-        self.reserved = 0.0
+        #: Seconds of a time limit for the denoiser, and :func:`.unevenness` of the normals; 0 while they are unknown.
+        self.reserved = self.details = 0.0
 
     def plan(self, limit: float, rays: float) -> str:
         """Chooses the networks for a render of ``limit`` seconds, and sets :attr:`reserved` to the seconds of the
@@ -51,7 +55,8 @@ class HalvesDenoiser:
         if limit / call * CALL_RAYS > ENOUGH * rays:
             return f"the samples of {limit:g} s alone leave less noise"
         self.fast, self.reserved = affordable[0], seconds[affordable[0]]
-        return ""
+        self.denoiser(self.fast)  # renders the features, which have no share in the reserved time
+        return "small details leave a denoiser little to do" if self.details > DETAILS else ""
 
     @cached_property
     def names(self) -> list[str]:
@@ -62,7 +67,8 @@ class HalvesDenoiser:
         """Returns the denoiser with the features of the view, which are rendered for the first call."""
         if fast not in self._denoisers:
             what = self.scene, self.sensor, self.seed, self.hide_emitters, FEATURE_SAMPLES[fast]
-            self._denoisers[fast] = Denoiser(*features(*what), fast)
+            albedo, normal = features(*what)
+            self._denoisers[fast], self.details = Denoiser(albedo, normal, fast), unevenness(normal)
         return self._denoisers[fast]
 
     def colours(self, images: list[np.ndarray]) -> list[np.ndarray]:

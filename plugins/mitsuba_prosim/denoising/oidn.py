@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 from prosim_scene import extras
 
-from .pyramid import average
+from .pyramid import unevenness
 
 
 class MissingError(ImportError):
@@ -31,7 +31,7 @@ class Denoiser:
     threads. ``fast`` selects smaller neural networks.
     """
 
-    #: Minimum mean difference of an albedo with textures from its surroundings, divided by the mean of the albedo.
+    #: Minimum :func:`.unevenness` of an albedo with textures.
     TEXTURE = 0.05
 
     def __init__(self, albedo: np.ndarray | None = None, normal: np.ndarray | None = None, fast: bool = False) -> None:
@@ -44,9 +44,7 @@ class Denoiser:
         given = {"albedo": albedo, "normal": normal}
         self.features = {name: np.ascontiguousarray(x, dtype=np.float32) for name, x in given.items() if x is not None}
         #: Whether the denoiser of the image may assume that the features have no noise.
-        self.clean = albedo is not None and not fast
-        if albedo is not None and fast:
-            self.clean = bool(np.abs(albedo - average(albedo)).mean() > self.TEXTURE * albedo.mean())
+        self.clean = albedo is not None and not (fast and unevenness(albedo) < self.TEXTURE)
         if self.clean:
             self.features |= {name: self._denoised(name) for name in (("albedo",) if fast else self.features)}
 

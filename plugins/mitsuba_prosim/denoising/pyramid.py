@@ -19,6 +19,11 @@ def average(image: np.ndarray, times: int = 1) -> np.ndarray:
     return image
 
 
+def unevenness(image: np.ndarray) -> float:
+    """Returns the mean difference of a pixel from its :func:`average`, divided by the mean of all absolute values."""
+    return float(np.abs(image - average(image)).mean() / max(np.abs(image).mean(), 1e-9))
+
+
 def reduce(image: np.ndarray) -> np.ndarray:
     """Returns a smoothed copy of the image at half the width and height, rounded up."""
     return _across(_along(image)[::2])[:, ::2]

@@ -20,8 +20,8 @@ from .pyramid import unevenness
 #: Whether the networks are fast -> square root of the number of samples of a pixel's features; time in which both
 #: halves are denoised, in multiples of the time of a call of the fast networks, from 128 x 128 to 500 x 500 pixels.
 FEATURE_SAMPLES, COSTS = {False: 4, True: 2}, {False: 10.0, True: 2.9}
-#: Maximum share of a time limit for that. The features may take as long again.
-SHARE = 0.07
+#: Maximum share of a time limit for that. The features may take as long again, also if the image is not denoised then.
+SHARE = 0.04
 #: Time of a call of the fast networks, in rays per pixel; number of rays per pixel from which the best networks save
 #: time, because they replace a fifth of the samples; number of samples of a ray tree after which one image has less
 #: noise than two halves that are denoised.

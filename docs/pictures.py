@@ -27,7 +27,8 @@ from prosim_scene import document_of
 
 DOCS = Path(__file__).parent
 EXAMPLES = DOCS.parent / "examples"
-sys.path[:0] = [str(DOCS / "extensions"), str(DOCS.parent / "tests" / "live"), str(EXAMPLES)]
+TESTS = DOCS.parent / "tests"
+sys.path[:0] = [str(DOCS / "extensions"), str(TESTS / "live"), str(TESTS), str(EXAMPLES)]
 from plugin_pages import example, plugins
 from walkthrough import steps
 
@@ -414,11 +415,11 @@ def watch(browser):
 
 def explain(browser):
     """The page about a pixel where a straw enters the water."""
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
-    with TemporaryDirectory() as folder:
-        run("prosim explain examples/copo.scn --pixel 150,200", "-o", f"{folder}/page.html")
-        page.goto(f"file://{folder}/page.html")
-        page.screenshot(path=DOCS / "pictures" / "explain.jpg", quality=80, full_page=True)
+    page, written = browser.new_page(viewport={"width": 1200, "height": 900}), EXAMPLES / "copo-explain.html"
+    run("prosim explain examples/copo.scn --pixel 150,200")
+    page.goto(f"file://{written}")
+    page.screenshot(path=DOCS / "pictures" / "explain.jpg", quality=70, full_page=True)
+    written.unlink()
 
 
 def in_browser(draw):

@@ -34,7 +34,7 @@ from .recorder import Node, Numbers, Places, Recorder
 MOST_SAMPLES = 1 << 14
 #: Maximum number of samples that the sentences on the noise are about.
 MOST_OUTLIERS = 8
-#: Maximum number of pixels of the image on the page, and square root of the number of samples of each pixel.
+#: Maximum number of pixels of the image on the page, and number of samples of each pixel.
 PREVIEW_PIXELS, PREVIEW = 1 << 17, 2
 #: The comment in which the translator names a shape or an emitter, and its line.
 COMMENT = re.compile(r"<!-- ([^>]*?) \(line (\d+)\) -->\s*<(?:shape|emitter) [^>]*\bid=\"([^\"]+)\"")
@@ -289,8 +289,8 @@ def coarse_pixels(film: mi.Film) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     (w, h), (left, top) = map(int, film.crop_size()), map(int, film.crop_offset())
     step = math.ceil(math.sqrt(w * h / PREVIEW_PIXELS))
-    y, x, k = np.indices((max(h // step, 1), max(w // step, 1), PREVIEW**2))
-    return k, left + x * step + k % PREVIEW * step // PREVIEW, top + y * step + k // PREVIEW * step // PREVIEW
+    y, x, k = np.indices((max(h // step, 1), max(w // step, 1), PREVIEW))
+    return k, left + x * step + k * step // PREVIEW, top + y * step + k * step // PREVIEW
 
 
 def page(file: SceneFile, scene: Any = None, image: Any = None, command: str = "", **arguments: Any) -> str:

@@ -40,8 +40,8 @@ PHOTONS = list(DIMENSIONS).index("photons")
 FURTHER, OWN = len(DIMENSIONS), len(DIMENSIONS) + 1
 #: A further sample is named if it is this much brighter than all samples of the pixel.
 BRIGHTER = 1.5
-#: Maximum number of sentences on lamps that add no light.
-MOST_DARK = 4
+#: Maximum numbers of sentences on lamps that add no light, and of reasons in a sentence.
+MOST_DARK, MOST_CAUSES = 4, 3
 
 #: Light that the recorder knows -> its name.
 LIGHTS = {
@@ -166,18 +166,20 @@ def hidden_points(recorder: Recorder) -> Iterator[str]:
     """Yields sentences on the points of lamps that add no light, and on the level of the rays that end there."""
     levels, groups = defaultdict[int, Counter[str]](Counter), defaultdict[tuple[int, ...], Counter[str]](Counter)
     for (*place, state, by), number in recorder.sums("lamp", ("level", "shape", "lamp", "state", "occluder")).items():
-        words = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state]
-        for counts in (groups[tuple(place)], levels[place[0]]):
-            counts[words] += number
+        words, (level, shape, lamp) = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state], place
+        if recorder.shape(shape) != recorder.lamps[lamp]:  # a convex lamp adds no light to itself
+            groups[level, shape, lamp][words] += number
+            levels[level][words] += number
     darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
     for level, shape, lamp in sorted(darkest[:MOST_DARK]):
         counts = groups[level, shape, lamp]
-        parts = [f"{number} {words}" for words, number in counts.most_common() if words != STATES[VISIBLE]]
+        points = f"of {counts.total()} points of {recorder.lamps[lamp]}"
+        del counts[STATES[VISIBLE]]
+        parts = [f"{number} {words}" for words, number in counts.most_common(MOST_CAUSES)]
+        if rest := counts.total() - sum(number for _, number in counts.most_common(MOST_CAUSES)):
+            parts.append(f"{rest} for other reasons")
         if parts:
-            points = f"of {counts.total()} points of {recorder.lamps[lamp]}"
             yield f"Seen from {recorder.shape(shape)} at level {level}, {points}: {', '.join(parts)}."
     if len(levels) > 1:
-        visible = (
-            f"{levels[level][STATES[VISIBLE]]} of {levels[level].total()} (level {level})" for level in sorted(levels)
-        )
-        yield f"Visible points of lamps: {', '.join(visible)}."
+        seen = (f"{counts[STATES[VISIBLE]]} of {counts.total()} (level {k})" for k, counts in sorted(levels.items()))
+        yield f"Visible points of lamps: {', '.join(seen)}."

@@ -4,7 +4,7 @@ with the media on both sides of a face.
 
 import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from manifold3d import Manifold, Mesh64
 
 from ..language.analysis import garbage_collection_paused
 from ..language.document import Document
+from ..model import Step, Transform
 from ..view import Camera
 from . import csg
 from .boundaries import AIR, OPAQUE, Boundary, OriginalIds, boundaries, concatenated, heights, primitive_boundary
@@ -21,7 +22,7 @@ from .enclosure import warn_of_enclosure
 from .grouping import components
 from .leaves import Leaves, Tessellation, leaves_of, tessellation_of
 from .primitives import CornerAttributes, Mesh, Primitive
-from .solids import world_box_corners
+from .solids import matrices, world_box_corners
 
 
 class Look(NamedTuple):
@@ -87,13 +88,15 @@ class SurfaceMesh:
     The kind of a triangle is the combination of its leaf, the medium inside and the medium outside; the list ``kinds``
     has these three numbers for each kind. The triangles of kind i have the numbers from ``starts[i]`` to ``starts[i +
     1]`` - 1. ``visible`` has one flag for each kind; it is False if all triangles of the kind are slivers that are too
-    thin to be visible.
+    thin to be visible. ``wrong`` has the leaf and a point of some visible triangles that do not lie on the leaf's flat
+    face.
     """
 
     triangles: Triangles
     starts: np.ndarray
     kinds: list[tuple[int, int, int]]
     visible: np.ndarray
+    wrong: list[tuple[int, np.ndarray]]
 
     def of_kinds(self, kinds: list[int]) -> Triangles:
         """Returns the triangles of the kinds that have these numbers."""
@@ -162,11 +165,15 @@ def tessellate(
     reflects = tuple(number == OPAQUE and look.fresnel for number, look in zip(media_of, looks))
     faces = cache.surface_for(
         (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _surface_mesh(document, table, tree, media_of, any(reflects), cut_media > 0),
+        lambda: _sound_surface_mesh(document, table, tree, media_of, any(reflects), cut_media > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     warn_of_enclosure(document, tree, table, [medium == OPAQUE for medium in media_of])
     _warn_of_owners(document, faces, media_of)
+    for leaf, point in faces.wrong[:1]:
+        place = f"near ({' '.join(f'{x:g}' for x in point)})"
+        reason = f"a face of {document.names_of([leaf])} is wrong {place}, because many faces meet there in an edge; "
+        document.warn(f"{reason}move a solid there a little", "csg", leaves[leaf][0])
     of_number = {AIR: None} | {number: name for name, number in numbers.items()}
     kinds_of_key: dict[MeshKey, list[int]] = {}
     for kind, (leaf, inside, outside) in enumerate(faces.kinds):
@@ -248,6 +255,28 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
     return csg.checked(Manifold(mesh64))
 
 
+#: A rotation by angles that no scene has.
+TURN = matrices([Transform(tuple(Step(f"rotate-{axis}", (11.3 + i,)) for i, axis in enumerate("xyz")))])[0]
+
+
+def _sound_surface_mesh(
+    document: Document, table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
+) -> SurfaceMesh:
+    """Returns the surface mesh of the evaluated CSG tree.
+
+    In rare cases, where solids meet in an edge, the result of manifold3d has wrong triangles. The solids are then
+    evaluated again after a rotation, and the result is turned back.
+    """
+    faces = _surface_mesh(document, table, tree, media_of, fresnel, cutters)
+    if not faces.wrong:
+        return faces
+    solids = [replace(s, to_world=TURN @ s.to_world) for s in table.solids]
+    turned = _surface_mesh(document, replace(table, solids=solids), tree, media_of, fresnel, cutters)
+    mesh, turn = turned.triangles, TURN[:3, :3]
+    mesh.vertices, mesh.normals = (mesh.vertices - table.origin) @ turn + table.origin, mesh.normals @ turn
+    return faces if turned.wrong else turned
+
+
 def _surface_mesh(
     document: Document, table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
 ) -> SurfaceMesh:
@@ -264,6 +293,7 @@ def _surface_mesh(
     keys, normals, uv = np.empty(shape, int), np.empty((*shape, 3), "f4"), np.empty((*shape, 2), "f4")
     has_width = np.empty(len(kind), bool)
     unshared = 0  # the number of unshared corners in earlier batches
+    wrong: list[tuple[int, np.ndarray]] = []
     for start in range(0, len(kind), BATCH):
         batch = slice(start, start + BATCH)
         rows = triangles[batch]
@@ -274,6 +304,11 @@ def _surface_mesh(
         unshared += int(corners.unshared.sum())
         normals[batch], uv[batch] = corners.normals * rows["sign"][:, None, None], corners.uv
         has_width[batch] = heights(positions) > 2 * table.thickness
+        across = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+        own = normals[batch]
+        oblique = np.einsum("ti,ti->t", across, own[:, 0]) < 0.99 * np.linalg.norm(across, axis=1)
+        oblique &= has_width[batch] & (own == own[:, :1]).all(axis=(1, 2))  # on a flat face
+        wrong += [(int(rows["leaf"][i]), positions[i].mean(axis=0) + table.origin) for i in np.flatnonzero(oblique)[:1]]
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, corner = np.divmod(first, 3)
     positions = vertices[triangles["index"][triangle, corner]] + table.origin
@@ -281,7 +316,7 @@ def _surface_mesh(
     visible = np.bincount(kind[has_width], minlength=len(codes)) > 0
     leaf, sides = np.divmod(codes, count**2)
     kinds = list(zip(leaf.tolist(), (sides // count - 1).tolist(), (sides % count - 1).tolist()))
-    return SurfaceMesh(result, np.append(starts, len(kind)), kinds, visible)
+    return SurfaceMesh(result, np.append(starts, len(kind)), kinds, visible, wrong)
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:

@@ -19,6 +19,9 @@ from .tests import Tests
 #: What Mitsuba's errors say of a method that a plugin does not have.
 MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported", "was queried for"
 
+#: Tests that fail for BSDFs that are not reciprocal and ignore the context's component.
+IGNORES = "reciprocity", "sampled_type"
+
 #: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the names of the tests that find it). They are
 #: notes.
 FAULTS = {
@@ -28,10 +31,14 @@ FAULTS = {
     "checkerboard": ("eval_1() swaps both colours", "eval_1()"),
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),
     "hair": ("the second component is never sampled; the pdf is no exact one", "every lobe", "samples follow pdf()"),
-    "mask": ("with one component in the context, sample() takes the other", "samples follow pdf()"),
+    "mask": ("with one component in the context, sample() takes the other", "samples follow pdf()", "sampled_type"),
     "path": ("a mask reflects the square of its opacity", "blocks have", "images have"),
-    "principled": ("not reciprocal; spec_tint depends on the sampled wavelengths", "reciprocity", "variants agree"),
-    "principledthin": ("not reciprocal, and it has lobes of weight 0", "reciprocity", "every lobe"),
+    "principled": (
+        "not reciprocal, ignores components, and spec_tint depends on wavelengths",
+        *IGNORES,
+        "variants agree",
+    ),
+    "principledthin": ("not reciprocal, ignores components, and has lobes of weight 0", *IGNORES, "every lobe"),
     "roughplastic": ("the table of transmittances has no derivative", "derivatives"),
     "sggx": ("the frame of sampled normals is transposed", "samples follow pdf()"),
     "sphere": ("the normals of a turned sphere are not turned", "sampled normals"),

@@ -13,7 +13,7 @@ import numpy as np
 from ..inputs import directions, interaction, lit, octant, rows, uniform
 from ..report import NOTE, SKIPPED
 from ..statistics import welch
-from ..tests import Tests
+from ..tests import GROUPS, Tests
 
 #: Number of inputs without statistics, and of samples with them.
 INPUTS, SAMPLES = 2**13, 2**18
@@ -221,7 +221,12 @@ class Emitter(Tests):
         fields |= {"n": mi.Normal3f(0, 0, 1), "sh_frame": mi.Frame3f(mi.Vector3f(0, 0, 1))}
         si = interaction(mi.SurfaceInteraction3f, dr.width(p), wavelengths, **fields)
         found = {"eval()": lamp.emitter.eval(si)}
-        if "rgb" not in mi.variant():
-            return found  # the sampled directions depend on the luminance of colours
-        _, sent = lamp.emitter.sample_ray(0.0, u1, u, u3)
-        return found | {"weight of sample_ray()": sent, "light by sample_direction()": weight * ds.pdf}
+        if mi.is_spectral:
+            u1 = (dr.arange(mi.UInt32, dr.width(p)) % GROUPS + 0.5) / GROUPS
+        ray, sent = lamp.emitter.sample_ray(0.0, u1, u, u3)
+        if mi.is_spectral:
+            sent = mi.spectrum_to_srgb(mi.unpolarized_spectrum(sent), ray.wavelengths)
+        found["weight of sample_ray()"] = sent
+        if "rgb" in mi.variant():  # the sampled directions depend on the luminance of colours
+            found["light by sample_direction()"] = weight * ds.pdf
+        return found

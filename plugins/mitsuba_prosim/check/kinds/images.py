@@ -53,6 +53,18 @@ class Sensor(Tests):
         for a, b in ((here.d, there.d), (here.o, there.o)):
             self.report.equal("a crop is a part of the whole", a, b, {"film": film}, (2e-3, 1e-3))
 
+    def test_motion(self, sensor: Any) -> None:
+        """With another to_world, rays move along."""
+        motion, film = (
+            mi.ScalarTransform4f().translate([0.4, -0.2, 0.3]).rotate([0.48, 0.8, 0.36], 70),
+            uniform(INPUTS, 2, 2),
+        )
+        before, after = (self.subject.changed(to_world=one) for one in (mi.ScalarTransform4f(), motion))
+        if before is not None and after is not None:
+            (ray, _), (moved, _) = rays(before.sample_ray, film), rays(after.sample_ray, film)
+            for there, here in ((moved.d, mi.Transform4f(motion) @ ray.d), (moved.o, mi.Transform4f(motion) @ ray.o)):
+                self.report.equal("to_world moves rays", there, here, {"film": film}, (2e-3, 1e-3))
+
     def test_projection(self, sensor: Any) -> None:
         """sample_direction() projects a point of a ray to the place of the film from which the ray comes."""
         film = 0.02 + 0.96 * uniform(INPUTS, 2, 3)

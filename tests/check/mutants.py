@@ -77,6 +77,7 @@ BSDFS = {
     "glossy_lobe_lost": (ROUGH, eval_(lambda v, si, wo: dr.minimum(v, 0.2))),
     "delta_probability": ("plastic", sample(lambda bs: scaled(bs, dr.select((bs.sampled_type & 32) != 0, 0.8, 1)))),
     "transmission_as_reflection": (GLASS, sample(lambda bs: scaled(bs, sampled_type=mi.UInt32(8)))),
+    "types_swapped": (ROUGH, sample(lambda bs: scaled(bs, sampled_type=10 - bs.sampled_type))),
     "not_anisotropic": (BRUSHED, {"flags": REFLECTS | 0x8}),
     "flags_of_a_mirror": ("diffuse", {"flags": REFLECTS | 0x20}),
     "nan_at_grazing": ("diffuse", eval_(lambda v, si, wo: v / dr.select(wo.z < 0.01, 0.0, 1.0))),
@@ -95,6 +96,7 @@ EMITTERS = {
     "spot_flux": ("spot", {"sample_ray": lambda ray, w: (ray, w * 0.9)}),
     "constant_ray": ("constant", {"sample_ray": lambda ray, w: (mi.Ray3f(ray.o, -ray.d), w)}),
     "directional_weight": ("directional", {"sample_direction": lambda ds, w, it: (ds, w * 1.1)}),
+    "ray_red": ("point", {"sample_ray": lambda ray, w: (ray, w * (ray.wavelengths / 520 if spectral() else 1))}),
     "spectral_point": ("point", {"sample_direction": lambda ds, w, it: (ds, w * (1.3 if spectral() else 1))}),
 }
 

@@ -1,5 +1,6 @@
 """Faulty plugins fail the check, right plugins pass, and the command says what is wrong with its input."""
 
+import inspect
 from functools import partial
 
 import drjit as dr
@@ -110,6 +111,41 @@ def test_check_finds_fault_of_shape(monkeypatch, method, fault):
     right = getattr(mi.Shape, method)
     monkeypatch.setattr(mi.Shape, method, lambda shape, *args: fault(partial(right, shape), *args))
     assert not check.shape("cylinder").ok
+
+
+def test_check_passes_active_to_methods():
+    class Half(mi.Texture):
+        """Its methods need the argument ``active``, which Mitsuba always passes."""
+
+        def eval(self, si, active):
+            return mi.UnpolarizedSpectrum(0.5) & active
+
+        def eval_1(self, si, active):
+            return mi.Float(0.5) & active
+
+    mi.register_texture("half", Half)
+    verdicts = {result.test: result.verdict for result in check.texture("half").results}
+    assert verdicts["eval_1() = eval()"] == "ok"
+
+
+def test_sensor_that_ignores_to_world_fails(monkeypatch):
+    ray = mi.load_dict({"type": "perspective"}).sample_ray
+    monkeypatch.setattr(mi.Sensor, "sample_ray", lambda sensor, *args: ray(*args))
+    assert "to_world moves rays" in {one.test for one in check.sensor("perspective").results if one.verdict == "fails"}
+
+
+def test_help_of_a_kind_shows_its_arguments():
+    assert "modules" in inspect.signature(check.bsdf).parameters
+    assert "bsdf" in check.bsdf.__doc__
+
+
+def test_command_refuses_module_that_fails(tmp_path):
+    (tmp_path / "broken.py").write_text("import mitsuba as mi\nmi.register_nothing('x')")
+    result = CliRunner().invoke(
+        prosim, ["check", "-m", mi.variant(), "diffuse", "--import", str(tmp_path / "broken.py")]
+    )
+    assert result.exit_code == 2
+    assert "register_nothing" in result.output
 
 
 @pytest.mark.parametrize("plugin", ["aov", "prosim_features"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -120,7 +121,11 @@ class Subject:
         mi.parser.transform_all(config, state)
         with session.search_path([self.source.parent] if isinstance(self.source, Path) else []):
             loaded = mi.parser.instantiate(config, state)
-        return loaded[0] if isinstance(loaded, list) else loaded
+        loaded = loaded[0] if isinstance(loaded, list) else loaded
+        for method in [one for cls in type(loaded).__mro__ for one in vars(cls).values() if inspect.isfunction(one)]:
+            if inspect.getargs(method.__code__).args[-1:] == ["active"] and not method.__defaults__:
+                method.__defaults__ = (True,)  # Mitsuba always passes it, so methods in Python may have no default
+        return loaded
 
     def changed(self, **changes: Any) -> Any:
         """Returns what :meth:`load` returns; None if the plugin refuses the changes."""
@@ -140,15 +145,16 @@ class Subject:
 
 
 def import_module(name: str) -> Any:
-    """Imports a module by its name or its .py file; executes it again if it is imported, for another variant."""
+    """Imports a module by its name or its .py file, again for another variant; raises ImportError for any failure."""
     path = Path(name)
     stem = path.stem if path.suffix == ".py" else name
-    if stem in sys.modules:
-        return importlib.reload(sys.modules[stem])
     folder = str(path.parent.resolve()) if path.suffix == ".py" else ""
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    return importlib.import_module(stem)
+    try:
+        return importlib.reload(sys.modules[stem]) if stem in sys.modules else importlib.import_module(stem)
+    except Exception as error:  # noqa: BLE001 (a module may raise anything)
+        raise ImportError(f"{name} cannot be imported: {type(error).__name__}: {error}") from None
 
 
 def _copied(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -215,18 +216,20 @@ class Emitter(Tests):
         """The light at given places, in given directions, and in sampled ones."""
         it = interaction(mi.Interaction3f, dr.width(p), wavelengths, p=p * (0.4 if lamp.infinite else 2.0))
         ds, weight = lamp.emitter.sample_direction(it, u)
+        found = {}
+        if mi.is_spectral:
+            u1 = (dr.arange(mi.UInt32, dr.width(p)) % GROUPS + 0.5) / GROUPS
+        with suppress(RuntimeError):  # the test of the flux reports a method that is missing
+            ray, sent = lamp.emitter.sample_ray(0.0, u1, u, u3)
+            if mi.is_spectral:
+                sent = mi.spectrum_to_srgb(mi.unpolarized_spectrum(sent), ray.wavelengths)
+            found["weight of sample_ray()"] = sent
         if lamp.ideal:
-            return {"light by sample_direction()": weight}
+            return found | {"light by sample_direction()": weight}
         fields = {"wi": dr.normalize(p), "uv": u, "t": mi.Float(dr.inf if lamp.infinite else 1)}
         fields |= {"n": mi.Normal3f(0, 0, 1), "sh_frame": mi.Frame3f(mi.Vector3f(0, 0, 1))}
         si = interaction(mi.SurfaceInteraction3f, dr.width(p), wavelengths, **fields)
-        found = {"eval()": lamp.emitter.eval(si)}
-        if mi.is_spectral:
-            u1 = (dr.arange(mi.UInt32, dr.width(p)) % GROUPS + 0.5) / GROUPS
-        ray, sent = lamp.emitter.sample_ray(0.0, u1, u, u3)
-        if mi.is_spectral:
-            sent = mi.spectrum_to_srgb(mi.unpolarized_spectrum(sent), ray.wavelengths)
-        found["weight of sample_ray()"] = sent
+        found["eval()"] = lamp.emitter.eval(si)
         if "rgb" in mi.variant():  # the sampled directions depend on the luminance of colours
             found["light by sample_direction()"] = weight * ds.pdf
         return found

@@ -165,6 +165,7 @@ class Samples:
         #: Column and row of the pixel in the whole film.
         self.where = x + left, y + top
         window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
+        pixels = coarse_pixels(film) if preview else ()
         with alone(), denormals_rounded(), dr.suspend_grad():
             self.estimator: Estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
@@ -174,14 +175,16 @@ class Samples:
             self.recorder, stored_names = Recorder(self.estimator.transport, names or {}), self.estimator.channels.names
             self.channels = tuple(name for name in stored_names[: stored_names.index("W")] if name != "A")
             with window:  # a render takes its samples without it, too
-                self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES), preview)
+                self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES), pixels)
 
-    def _take_all(self, count: int, preview: bool) -> None:
-        """Takes ``count`` samples of the pixel, and in the same kernel those that tell the shares, and the image."""
+    def _take_all(self, count: int, pixels: tuple[np.ndarray, ...]) -> None:
+        """Takes ``count`` samples of the pixel, and in the same kernel those that tell the shares, and those of
+        :func:`coarse_pixels`.
+        """
         caustics, values, found = self.estimator.transport.caustics, list[np.ndarray](), list[np.ndarray]()
-        pairs, pixels = np.arange(noise.PAIRS * (noise.FURTHER + 1)), coarse_pixels(self.estimator.sensor.film())
+        pairs = np.arange(noise.PAIRS * (noise.FURTHER + 1))
         more = [lanes(pairs // noise.PAIRS, pairs % noise.PAIRS, *self.where)]
-        more += [lanes(noise.FURTHER, *pixels)] if preview else []
+        more += [lanes(noise.FURTHER, *pixels)] if pixels else []
         size = count if caustics is None else caustics.maps(self.plan.n)
         for first in range(0, count, size):
             if caustics is not None:
@@ -194,7 +197,7 @@ class Samples:
         self.values, self.luminance = np.concatenate(values)[:, 1:], np.concatenate(values)[:, 0]
         self.shares = noise.shares(found[0][:, 0])
         #: A coarse image, shape (height, width, channels), if it was wanted.
-        self.preview = found[1][:, 1:].reshape(*pixels[0].shape, -1).mean(axis=2) if preview else None
+        self.preview = found[1][:, 1:].reshape(*pixels[0].shape, -1).mean(axis=2) if pixels else None
         light = found[0][-noise.PAIRS :, 1:].sum(axis=1)
         #: Ratio of the brightest of the further samples to the brightest of the pixel, and its nodes if it is great.
         self.brighter = float(light.max()) / max(float(self.values.sum(axis=1).max()), 1e-30)

@@ -171,6 +171,6 @@ def texture_texts(si: mi.SurfaceInteraction3f) -> list[list[str]]:
             colours = np.array(dr.zeros(mi.Spectrum, len(numbers)) + texture.eval(si)).T
             for i in points:
                 parts = f"{shares[i]:.0%} {texture.TOP[0]}, {1 - shares[i]:.0%} {texture.BASE[0]}" if mixes else "value"
-                name = kind if mixes else texture.class_name()
+                name = kind if mixes else texture.class_name().partition("Impl")[0]
                 texts[i // DIRECTIONS].append(f"{name}: {parts} – {' '.join(f'{v:.3g}' for v in colours[i])}")
     return texts

@@ -182,7 +182,7 @@ def tessellate(
     return {key: faces.of_kinds(kinds) for key, kinds in kinds_of_key.items() if faces.visible[kinds].any()}
 
 
-PATIENCE = 30.0  # a longer evaluation of the CSG tree causes a warning after this number of seconds
+PATIENCE = 30.0  # a longer evaluation of the CSG tree causes a warning after this number of seconds of processor time
 
 
 def _boundary(
@@ -195,7 +195,7 @@ def _boundary(
     cutters: np.ndarray,
 ) -> Boundary:
     """Evaluates the CSG tree; returns the boundary of the resulting solids."""
-    end = time.monotonic() + PATIENCE
+    end = time.process_time() + PATIENCE
 
     @cache
     def warn_of_time() -> None:
@@ -221,7 +221,7 @@ def _boundary(
 
         @cache
         def mesh() -> Manifold:
-            if time.monotonic() > end:
+            if time.process_time() > end:
                 warn_of_time()
             own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
             return csg.refined(own, small_neighbours[i])

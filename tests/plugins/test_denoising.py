@@ -501,6 +501,9 @@ def test_time_limit_takes_samples_where_details_are_small(variant_rgb, denoiser,
         scene = mi.load_dict(penumbra(size=16, type="prosim", diffuse_bounces=-1, samples=2, time=1e-3))
         final = final_image.denoised_progressive(scene, 0, scene.integrator())
         assert (final.render.target.reserved > 0) == denoised
+        assert final.render.run().finished and (not final.why_raw) == denoised
+        result = final.denoised()
+        assert denoised != np.array_equal(result.final, result.raw)
         assert denoised or "small details" in final.why_raw
 
 

@@ -107,7 +107,7 @@ class Report:
         self.require(test, right, where, on=on, **{"share": 0.005, **limits})
 
     def finite(self, name: str, values: Any, where: Any = "", *, on: Any = True, least: float = 0.0) -> None:
-        """Adds whether values are finite, and not below ``least``."""
+        """Tests that values are finite, and not below ``least``."""
         values = rows(values)
         self.require(f"{name} is finite, not negative", np.isfinite(values) & (values >= least), where, on=on)
 

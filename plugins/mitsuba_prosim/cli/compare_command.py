@@ -38,7 +38,7 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
     path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered twice: with
-    the same number of samples as A, and in the same time as A. Errors are differences from a converged reference image.
+    the same number of samples as A, and in A's processor time. Errors are differences from a converged reference image.
     If only one of A and B is prosim, prosim renders the scene twice: once with the kinds of light paths that the other
     integrator simulates, and once with the kinds that the scene selects. The command writes two files to the scene's
     folder: a page with the results, SCENE-compare.html, and the numbers of this page, SCENE-compare.json.

@@ -341,7 +341,7 @@ def each(function: Callable[[Any], Any], value: Any) -> Any:
 
 
 def number_of(shape: mi.ShapePtr) -> mi.UInt32:
-    """Returns the numbers of shapes in Dr.Jit."""
+    """Returns registry indices of shapes in Dr.Jit."""
     return dr.reinterpret_array(mi.UInt32, shape)
 
 

@@ -53,7 +53,7 @@ class DaskExecutor(Executor):
         self.change_scene(bundle)
 
     def change_scene(self, bundle: SceneBundle) -> None:
-        """Sets the scene of the next images, between two images."""
+        """Sets the scene of later images; not during a render."""
         self._scene, self._environment = pickle.dumps(bundle), environment.this_environment()
         #: The scene in the memory of the cluster; workers send it to each other.
         self._shared: distributed.Future | None = None

@@ -63,7 +63,7 @@ class Texture(Tests):
         self.report.equal("eval_1_grad() = differences", found, difference, {"uv": uv}, (0.05, 0.05), share=0.25)
 
     def test_mean(self, texture: Any) -> None:
-        """mean() is the mean of eval(), and a texture that depends on uv says so."""
+        """mean() is the mean of eval(); a texture that varies with uv says so."""
         value = self.grid(texture)
         varies = np.ptp(value, axis=1).max() > 1e-4
         says = texture.is_spatially_varying() or not varies

@@ -165,21 +165,6 @@ def test_parts_that_are_missing_doubled_unfinished_or_of_another_image_are_refus
     assert merged.part is None and merged.attributes["seconds"] == pytest.approx(3e-300, rel=1e-9)
 
 
-def test_parts_are_not_in_memory_twice(variant_rgb, tmp_path):
-    paths = [tmp_path / f"{number}.npz" for number in range(3)]
-    for path, part in zip(paths, parts()):
-        pixels = {f"sum{k}": np.zeros(1 << 18) for k in range(8)}
-        checkpoint.save(replace(part, pixels=pixels), path)
-    size = sum(path.stat().st_size for path in paths)
-    tracemalloc.start()
-    try:
-        checkpoint.merge(paths)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert size < peak < 1.6 * size
-
-
 def test_a_checkpoint_is_written_every_few_seconds_and_seldom_if_that_takes_long(tmp_path, variant_rgb, monkeypatch):
     clock, cost, written = [0.0], [0.01], []
 

@@ -184,7 +184,7 @@ def test_two_threads_with_one_sensor_do_not_corrupt_each_other(variant_rgb):
 
 
 def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
-    """With one scene and one sensor, whose film has a crop window (defect C5)."""
+    """With one scene and one sensor, whose film has a crop window."""
     scene = thin_lens(COPPER, max_level=1, samples=2, adaptive="none")
     params, features = mi.traverse(scene), mi.load_dict({"type": "prosim_features"})
     params.keep("floor.bsdf.reflectance.value")

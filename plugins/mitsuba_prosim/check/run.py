@@ -44,7 +44,7 @@ FAULTS = {
     "sphere": ("the normals of a turned sphere are not turned", "sampled normals"),
     "sunsky": ("sun_direction does not turn", "to_world moves the light"),
     "timed_sunsky": ("the scalar variant sees the sun in all directions", "variants agree"),
-    "twosided": ("with two BSDFs, one component has the light of both sides", "components add up"),
+    "twosided": ("with two BSDFs, one component has the light of both sides", "components add up", "sampled_type"),
 }
 
 #: Seconds after which a test of a process apart is ended.

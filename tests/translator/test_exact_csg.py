@@ -134,6 +134,22 @@ def test_union_that_fails_is_evaluated_again_after_a_rotation(monkeypatch, turn,
     assert warned or (wrong_owners(text) <= EDGE and volume(meshes.values()) == pytest.approx(17.5))
 
 
+def test_face_of_a_file_with_another_normal_is_not_wrong(tmp_path):
+    """A mesh file may have normals that are not those of its flat faces."""
+    corners = "".join(f"v {i & 1} {i >> 1 & 1} {i >> 2}\n" for i in range(8))
+    faces = "1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"
+    normals = [np.roll([0, 0, sign], axis) for axis, sign in ((0, -1), (0, 1), (2, -1), (2, 1), (1, -1), (1, 1))]
+    tilted = "".join("vn {} {} {}\n".format(*(n + np.roll(n, 1) / 2)) for n in normals)
+    rows = "".join("f " + " ".join(f"{v}//{i}" for v in face.split()) + "\n" for i, face in enumerate(faces, 1))
+    (tmp_path / "tilted.obj").write_text(corners + tilted + rows)
+    (tmp_path / "s.scn").write_text(
+        'LIGHTS POINT position 0 9 9 CSG-TREE MESH 0 "tilted.obj" SURFACE 0 kd .5 TRANSFORM 0 END'
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SceneWarning)
+        prosim_scene.translate(tmp_path / "s.scn")
+
+
 def test_the_judge_finds_a_primitive_in_the_wrong_place(variant_rgb, tmp_path):
     # Seen are the meshes of another tree: a judge that lets this pass would let anything pass.
     path = tmp_path / "scene.scn"

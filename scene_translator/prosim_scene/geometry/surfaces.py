@@ -294,6 +294,8 @@ def _surface_mesh(
     has_width = np.empty(len(kind), bool)
     unshared = 0  # the number of unshared corners in earlier batches
     wrong: list[tuple[int, np.ndarray]] = []
+    # The normals of a mesh file are those that its author wrote; those of other flat faces are their planes'.
+    has_plane = np.array([len(solid.primitive.quadrics) > 0 for solid in table.solids])[table.of_leaf]
     for start in range(0, len(kind), BATCH):
         batch = slice(start, start + BATCH)
         rows = triangles[batch]
@@ -306,8 +308,9 @@ def _surface_mesh(
         has_width[batch] = heights(positions) > 2 * table.thickness
         across = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
         own = normals[batch]
+        flat = has_plane[rows["leaf"]] & (own == own[:, :1]).all(axis=(1, 2))
         oblique = np.einsum("ti,ti->t", across, own[:, 0]) < 0.99 * np.linalg.norm(across, axis=1)
-        oblique &= has_width[batch] & (own == own[:, :1]).all(axis=(1, 2))  # on a flat face
+        oblique &= has_width[batch] & flat
         wrong += [(int(rows["leaf"][i]), positions[i].mean(axis=0) + table.origin) for i in np.flatnonzero(oblique)[:1]]
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     triangle, corner = np.divmod(first, 3)

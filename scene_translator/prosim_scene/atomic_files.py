@@ -17,13 +17,10 @@ PART = ".prosim-part-"
 
 
 def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], folder: Path | None = None) -> None:
-    """Replaces the file ``path`` atomically; the file keeps its permissions. If ``path`` is a symbolic link, the link
-    is replaced, and the file to which it leads stays unchanged.
+    """Replaces the file ``path`` atomically, with its permissions; a link is replaced, not what it leads to.
 
-    ``content`` is the new content as bytes, or a function that writes the new content to a given path and may be called
-    twice. The new file is first written to ``folder``, where the caller can find and remove unfinished files. If
-    ``folder`` is None or on another disk, the new file is first written to the folder of ``path``. Raises OSError if
-    the file cannot be replaced; it is then unchanged.
+    ``content`` is bytes, or a function that writes to a given path, perhaps twice. The new file is first written to
+    ``folder``, if it is on the same disk, else beside ``path``. Raises OSError; the file is then unchanged.
     """
     refuse_special(path)
     part = (folder or path.parent) / f"{PART}{secrets.token_hex(6)}"
@@ -50,9 +47,7 @@ def refuse_special(path: Path) -> None:
 
 
 class TemporaryFolder:
-    """A temporary folder for this user only. It is removed when no reference to this object exists, and when the
-    process ends, also by a signal.
-    """
+    """A folder for this user only, removed with the last reference to it or at the end of the process."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.gettempdir(), f"prosim-scene-{secrets.token_hex(8)}")

@@ -20,9 +20,7 @@ def missing(extra: str) -> list[str]:
 
 
 def needs(feature: str, extra: str) -> str:
-    """Returns the message that a feature needs an extra, with the missing modules and the command that installs the
-    extra.
-    """
+    """Returns the message that ``feature`` needs an extra, with the missing modules and how to install it."""
     # If all modules of the extra are installed, the import of one of them has failed.
     modules = ", ".join(missing(extra)) or "a module that can be imported"
     return f"{feature} needs {modules}; to get it: pip install 'mitsuba-prosim[{extra}]', in a clone '.[{extra}]'"

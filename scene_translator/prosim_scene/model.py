@@ -85,9 +85,7 @@ class Operator:
 
 @dataclass(frozen=True)
 class Texture:
-    """The texture in one of the two texture slots of a primitive: the name of a texture (t-...), or the name of an
-    image file.
-    """
+    """One of the two textures of a primitive: the name of a texture (t-...), or of an image file."""
 
     name: str | None = None
     image: str | None = None
@@ -113,9 +111,7 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Surface:
-    """The optical properties of a primitive, from its SURFACE statement. A property that the scene does not state is
-    None; the material determines its default.
-    """
+    """The optical properties in a SURFACE statement; None where the material determines the default."""
 
     material: str | None = None  # "conductor", "dielectric", "lambertian", "composite"; None: the classic Phong surface
     metal: str | None = None  # the name of one of Mitsuba's tables

@@ -35,24 +35,18 @@ Node = dict[str, Any]
 
 @dataclass(frozen=True)
 class Default:
-    """A named number in the XML file: its default ``value``, which Mitsuba's command-line option ``-D name=value`` can
-    replace.
-    """
+    """A named number in the XML file, which ``-D name=value`` of Mitsuba's command can replace."""
 
     name: str
     value: int | float
 
 
 class Comment(str):
-    """A comment, which is written to the XML file before the next element of the same dictionary; the comment's key in
-    the dictionary has no effect.
-    """
+    """A comment before the next element of the same dictionary; its key has no effect."""
 
 
 class Point(list[float]):
-    """Three coordinates that become an XML element ``point``; a plain list of three numbers becomes an XML element
-    ``vector``.
-    """
+    """Coordinates of an XML element ``point``; a plain list of three numbers becomes a ``vector``."""
 
 
 def rgb(color: Iterable[float]) -> Node:
@@ -88,9 +82,7 @@ def values_in(node: Node) -> Iterator[Any]:
 
 
 def xml(scene: Node) -> str:
-    """Returns the XML text of a scene's dictionary. The XML element ``scene`` begins with an element ``default`` for
-    each :class:`Default` in the dictionary.
-    """
+    """Returns a scene as XML text, with an element ``default`` at the beginning for each :class:`Default`."""
     root = ElementTree.Element("scene", version="3.0.0")
     for name, value in {d.name: d.value for d in values_in(scene) if isinstance(d, Default)}.items():
         ElementTree.SubElement(root, "default", name=name, value=xml_number(value))

@@ -30,9 +30,7 @@ def read(path: AnyPath) -> str:
 
 
 def decode(data: bytes) -> str:
-    """Decodes a text, which is UTF-8, UTF-16 with a byte order mark, or otherwise Latin-1. In the result, all line ends
-    are LF, and there is no byte order mark.
-    """
+    """Decodes UTF-8, UTF-16 with a byte order mark, or else Latin-1; line ends become LF."""
     try:
         text = data.decode("utf-16" if data.startswith(BYTE_ORDER_MARKS[1:]) else "utf-8-sig")
     except UnicodeDecodeError:

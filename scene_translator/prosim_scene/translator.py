@@ -126,9 +126,7 @@ class _MeshFolder(TemporaryFolder):
 
 
 class _FileName(str):
-    """The name of a file in a temporary folder. The temporary folder exists as long as a reference to this file name
-    exists.
-    """
+    """The name of a file in a temporary folder, which exists as long as a reference to this name."""
 
     folder: _MeshFolder
 

@@ -60,9 +60,7 @@ class Camera:
 
     @property
     def square_pixels(self) -> bool:
-        """Whether pixels are square: the differences of width and height of the pixels in a row or a column add up to
-        less than 1e-4 pixels.
-        """
+        """Whether width and height of a row's or column's pixels differ by less than 1e-4 in all."""
         w, h = self.pixel
         return abs(w / h - 1) * max(self.resolution) < 1e-4
 

@@ -127,9 +127,7 @@ def _digest(content: bytes) -> str:
 
 
 def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
-    """Raises OSError if a translation would replace a file or a folder that no translation wrote. An XML file that a
-    translation wrote contains MARK.
-    """
+    """Raises OSError rather than replace what no translation (with MARK in its XML) wrote."""
     if xml.is_dir():
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)

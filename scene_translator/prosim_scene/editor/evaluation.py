@@ -36,10 +36,8 @@ def evaluate(text: str, filename: str) -> list[Problem]:
 
 
 async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
-    """Runs :func:`evaluate` in a new process; returns its result, or None if the process fails or reaches the
+    """Runs :func:`evaluate` in a new process, which ends with this coroutine; returns None if it fails or reaches the
     :data:`TIME_LIMIT`.
-
-    If this coroutine is cancelled, it kills the process that evaluates the scene.
     """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-c", "from prosim_scene.editor.evaluation import main; main()"),
@@ -58,11 +56,8 @@ async def evaluate_in_process(text: str, filename: str) -> list[Problem] | None:
 
 
 def main() -> None:
-    """Reads the text of a scene from standard input, evaluates the CSG tree of the scene, and writes the pickled list
-    of errors and warnings to standard output.
-
-    The pickled input is the tuple ``(text, filename, seconds)``, where ``seconds`` is the time limit of the evaluation.
-    If the evaluation takes longer, the process writes nothing and ends with exit code 1.
+    """Writes the pickled problems of the pickled ``(text, filename, seconds)`` from standard input; after ``seconds``,
+    writes nothing and ends with exit code 1.
     """
     text, filename, seconds = pickle.load(sys.stdin.buffer)
     with open(os.devnull, "w") as nowhere:

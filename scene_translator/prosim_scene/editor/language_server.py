@@ -36,9 +36,7 @@ DELAY = 0.03
 
 
 class OpenDocument:
-    """One version of a document that is open in an editor. ``pending`` is the asyncio task or timer that will publish
-    further diagnostics of this version.
-    """
+    """A version of an open document; ``pending`` is the task or timer that will publish more diagnostics."""
 
     def __init__(self, document: TextDocument) -> None:
         self.uri, self.version, self.text = document.uri, document.version, document.source
@@ -56,9 +54,7 @@ class OpenDocument:
         return Symbols(self.scene_text, self.filename)
 
     def offset(self, position: lsp.Position) -> int:
-        """Converts an LSP position to a text offset; a position beyond the end of its line is clamped to the end of
-        this line, and a position below the last line is clamped to the end of the text.
-        """
+        """Converts an LSP position to an offset; beyond the end of its line or text, that end."""
         line_position = self.codec.position_from_client_units(self.lines, position)
         return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
 
@@ -69,11 +65,7 @@ class OpenDocument:
         return lsp.Range(*(self.codec.position_to_client_units(self.lines, position) for position in positions))
 
     def diagnostic(self, problem: Problem) -> lsp.Diagnostic:
-        """Converts an error or a warning to an LSP diagnostic.
-
-        The editor shows a problem without a position in the text at the beginning of the text. A diagnostic covers at
-        least one character, even if the part of the text with the problem is empty.
-        """
+        """Converts a problem to an LSP diagnostic of at least one character; without a position, at the beginning."""
         severity = lsp.DiagnosticSeverity.Error if isinstance(problem, SceneError) else lsp.DiagnosticSeverity.Warning
         start, end = problem.span or (0, 1)
         range_ = self.range(start, max(end, start + 1))
@@ -89,9 +81,8 @@ class SceneServer(LanguageServer):
         self.documents: dict[str, OpenDocument] = {}
 
     def update(self, uri: str) -> OpenDocument | None:
-        """Replaces the stored version of the document ``uri`` by the editor's current version, and returns the current
-        version, or None if the document is not open. The task or timer that is pending for the stored version is
-        cancelled.
+        """Returns the editor's current version of ``uri``, or None if it is not open; what is pending for the stored
+        version is cancelled.
         """
         self.close(uri)
         if {uri, unquote(uri)}.isdisjoint(self.workspace.text_documents):
@@ -106,11 +97,7 @@ class SceneServer(LanguageServer):
             document.pending.cancel()
 
     async def evaluate(self, document: OpenDocument) -> None:
-        """Evaluates the CSG tree of a document in a separate process, and publishes all errors and warnings about the
-        document, also those that were found before the evaluation.
-
-        Nothing is published if the process fails or reaches its time limit.
-        """
+        """Evaluates the CSG tree in a process, and publishes all problems; none if that fails or takes too long."""
         problems = await evaluate_in_process(document.scene_text, document.filename)
         if problems is not None:
             self.publish(document, problems)
@@ -142,10 +129,8 @@ def language_server() -> None:
 @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
 @server.feature(lsp.TEXT_DOCUMENT_DID_SAVE)
 def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveTextDocumentParams) -> None:
-    """Handles an opened or saved document: publishes the diagnostics of its text at once.
-
-    If the text has no error, and the CSG tree has at most :data:`LARGEST` nodes, a task evaluates the CSG tree, and
-    later publishes the diagnostics of the evaluation, too.
+    """Publishes the diagnostics of an opened or saved document; those of its CSG tree follow, if it has no error and at
+    most :data:`LARGEST` nodes.
     """
     if (document := ls.update(params.text_document.uri)) is None:
         return
@@ -156,9 +141,7 @@ def opened(ls: SceneServer, params: lsp.DidOpenTextDocumentParams | lsp.DidSaveT
 
 @server.feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
 def changed(ls: SceneServer, params: lsp.DidChangeTextDocumentParams) -> None:
-    """Handles a changed document: publishes its diagnostics when the user has stopped typing for :data:`DELAY` seconds.
-    Each further change cancels the earlier timer or evaluation of the document.
-    """
+    """Publishes the diagnostics when the user has stopped typing for :data:`DELAY` seconds."""
     if document := ls.update(params.text_document.uri):
         loop = asyncio.get_running_loop()
         document.pending = loop.call_later(DELAY, lambda: ls.publish(document, document.symbols.diagnostics))
@@ -218,11 +201,8 @@ def hover(document: OpenDocument, params: lsp.HoverParams) -> lsp.Hover | None:
 @answers(lsp.TEXT_DOCUMENT_DEFINITION)
 @answers(lsp.TEXT_DOCUMENT_REFERENCES)
 def locations(document: OpenDocument, params: lsp.DefinitionParams | lsp.ReferenceParams) -> list[lsp.Location]:
-    """Returns the locations of all occurrences of the symbol at a position, or, if the editor asks for the definition,
-    only of the symbol's definitions. Without a symbol at the position, the list is empty.
-
-    The statements SURFACE and TRANSFORM define an index, TEXTURE defines a texture, SOLID a solid, and DEFAULT a
-    ``$name``.
+    """Returns the locations of a symbol's occurrences, or of its definitions: by SURFACE, TRANSFORM, TEXTURE, SOLID or
+    DEFAULT. Empty without a symbol at the position.
     """
     all_occurrences = isinstance(params, lsp.ReferenceParams)
     if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:
@@ -233,10 +213,8 @@ def locations(document: OpenDocument, params: lsp.DefinitionParams | lsp.Referen
 
 @answers(lsp.TEXT_DOCUMENT_FORMATTING)
 def formatting(document: OpenDocument, params: lsp.DocumentFormattingParams) -> list[lsp.TextEdit] | None:
-    """Returns the edit that changes a document to the canonical layout, or None if :func:`.format` raises an error.
-
-    The edit replaces the whole text, and keeps the kind of the document's line ends. If the document already has the
-    canonical layout, the returned list is empty.
+    """Returns an edit of the whole text to the canonical layout, with its line ends; empty if it has that already, None
+    if :func:`.format` raises an error.
     """
     lines = document.scene_text.replace("\r\n", "\n")
     try:
@@ -261,9 +239,7 @@ def outline(document: OpenDocument, _: lsp.DocumentSymbolParams) -> list[lsp.Doc
 
 @answers(lsp.TEXT_DOCUMENT_RENAME)
 def rename(document: OpenDocument, params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-    """Returns the edits that rename the symbol at a position, or None without a symbol there. An invalid name is an
-    error of the request.
-    """
+    """Returns the edits that rename the symbol at a position, or None; an invalid name is an error."""
     if (at_position := document.symbols.occurrence_at(document.offset(params.position))) is None:
         return None
     if (new_texts := document.symbols.renamed(at_position.symbol, params.new_name)) is None:

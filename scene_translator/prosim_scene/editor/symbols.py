@@ -45,12 +45,8 @@ class Occurrence(NamedTuple):
 
 
 class Completion(NamedTuple):
-    """A completion: a word that can replace the partial word that begins at the text offset ``start``. ``detail`` is a
-    short note that the editor shows beside the word: the names of the numbers after a keyword, or the value of a name.
-
-    The editor shows completions with a lower ``rank`` first. Words that continue the current statement have a lower
-    ``rank`` than keywords that begin a new statement, and the spellings that the text prefers have a lower
-    ``rank`` than other spellings.
+    """A word that can replace the partial one from ``start``; ``detail``, the names of its numbers or its value, stands
+    beside it. A lower ``rank`` comes first: what continues the statement, and preferred spellings.
     """
 
     label: str
@@ -122,16 +118,12 @@ class Symbols:
             yield Occurrence(Symbol("solid", words.normalise(token.text)), *token.span, before == "SOLID")
 
     def occurrence_at(self, offset: int) -> Occurrence | None:
-        """Returns the occurrence of a symbol that contains the text offset ``offset`` or ends at it; None if there is
-        no symbol. If two occurrences meet at ``offset``, returns the first of them.
-        """
+        """Returns the first occurrence of a symbol that contains or ends at ``offset``; None without one."""
         occurrences = (occurrence for found in self.table.values() for occurrence in found)
         return min((o for o in occurrences if o.start <= offset <= o.end), key=lambda o: o.start, default=None)
 
     def renamed(self, symbol: Symbol, name: str) -> list[tuple[int, int, str]] | None:
-        """Returns ``(start, end, text)`` of the edits that give a symbol another name; None if the language does not
-        allow this name, or if the text already uses it.
-        """
+        """Returns edits ``(start, end, text)`` to another name; None if it is not allowed, or already used."""
         text, uses = self.text, self.table[symbol]
         new = "$" * (symbol.kind == "name") + name.removeprefix("$")
         edits = [(use.start, use.end, new) for use in uses]
@@ -147,9 +139,7 @@ class Symbols:
     # ---- Meanings
 
     def hover(self, offset: int) -> tuple[int, int, str] | None:
-        """Returns ``(start, end, Markdown)``, the text range and the meaning of the word at the text offset ``offset``;
-        None if no meaning is known. The meaning of a symbol is its definition.
-        """
+        """Returns ``(start, end, Markdown)``: the meaning of the word at ``offset``, or a symbol's definition."""
         if occurrence := self.occurrence_at(offset):
             return occurrence.start, occurrence.end, self._symbol_markdown(occurrence.symbol)
         i = bisect_right(self.tokens, offset, key=lambda token: token.start) - 1

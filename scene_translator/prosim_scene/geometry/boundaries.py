@@ -27,9 +27,7 @@ TRIANGLE = np.dtype([("index", "i4", 3), *((name, "i4") for name in ("leaf", "fa
 
 
 class Boundary(NamedTuple):
-    """The triangles on the surface of a solid: ``vertices`` (n, 3), and a structured array ``triangles``, whose rows
-    have the type TRIANGLE.
-    """
+    """The surface of a solid: ``vertices`` (n, 3), and ``triangles``, a structured array of type TRIANGLE."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -44,9 +42,7 @@ class Boundary(NamedTuple):
 
 
 def primitive_boundary(mesh: Mesh, leaf: int, first: int, medium: int) -> Boundary:
-    """Returns the boundary between air and the ``mesh`` of a leaf that touches no other leaf; ``first`` is the number
-    of its first facet.
-    """
+    """Returns the boundary of a leaf that touches no other; ``first`` is the number of its first facet."""
     columns = {"index": mesh.triangles, "facet": first + mesh.facets}
     return Boundary.from_columns(mesh.vertices, leaf=leaf, sign=1, inside=medium, outside=AIR, **columns)
 
@@ -74,9 +70,7 @@ class OriginalIds:
         return self.base + medium * self.leaves + leaf
 
     def boundary(self, body: Body) -> Boundary:
-        """Returns the boundary between a body and air. Facets of the body on planes that several solids share are moved
-        exactly onto these planes.
-        """
+        """Returns the boundary between a body and air, with facets moved exactly onto planes that solids share."""
         mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
@@ -128,9 +122,7 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
 
 
 def heights(triangles: np.ndarray) -> np.ndarray:
-    """Returns the height of each triangle (n, 3, 3) over its longest side. The height is about 0 for a triangle in a
-    seam between coincident faces.
-    """
+    """Returns the heights of triangles (n, 3, 3) over their longest sides; about 0 in a seam."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))

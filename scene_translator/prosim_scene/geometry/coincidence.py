@@ -149,11 +149,8 @@ class Planes:
         self.side[shared] = np.sign(np.einsum("ij,ij->i", own[:, :3], own[first[plane], :3]))
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
-        """Returns the two solids with a gap between their facets on common planes.
-
-        On the common planes, the facets of the first solid move by the gap: outwards if ``outwards`` is 1, and inwards
-        if ``outwards`` is -1. The gap is :data:`GAP` times manifold3d's tolerance. The facets of the second solid are
-        moved exactly onto the planes.
+        """Returns the two solids with a gap, :data:`GAP` times manifold3d's tolerance, between facets on common planes:
+        the first's move outwards (1) or inwards (-1), the second's lie exactly on them.
         """
         a, b = self._facets(first), self._facets(second)
         gap = GAP * max(first.get_tolerance(), second.get_tolerance())
@@ -178,9 +175,7 @@ class Planes:
         return solid if np.array_equal(points, facets.vertices) else solid.warp_batch(lambda _: points)
 
     def snap_vertices(self, vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """Returns the ``vertices`` (n, 3) moved onto the planes of all ``facets`` (m,) to which the ``triangles`` (m,
-        3) belong.
-        """
+        """Returns ``vertices`` moved onto the planes of all ``facets`` (m,) of the ``triangles`` (m, 3)."""
         return self._points_at(vertices, triangles, self.of_facet[facets], np.zeros(len(facets)))
 
     def _points_at(self, points: np.ndarray, corners: np.ndarray, plane: np.ndarray, heights: np.ndarray) -> np.ndarray:
@@ -210,9 +205,7 @@ class Planes:
 
 
 def per_triangle(mesh: Mesh64, values: np.ndarray) -> np.ndarray:
-    """Returns a value for each triangle of a mesh, from the ``values`` of the runs of triangles that come from the same
-    original mesh.
-    """
+    """Returns a value for each triangle, from the ``values`` of the runs of the original meshes."""
     ends = np.asarray(mesh.run_index, dtype=np.int64) // 3
     return np.repeat(values, ends[1:] - ends[:-1])
 

@@ -85,10 +85,8 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns the contacts of curved faces of solids that have their numbers of segments.
-
-    A ball may touch any curved face from inside, and a cylinder may touch a parallel cylinder. Other contacts are rims,
-    where a gap would look like a wall.
+    """Returns contacts of curved faces: a ball in any of them, or a cylinder in a parallel one. Others are rims, where
+    a gap would look like a wall.
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
@@ -142,10 +140,8 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
 
 
 def _highest(primitive: Primitive, relative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns, for each of k inner solids, the largest height of the solid over tangent planes of the outer solid's
-    curved face, and the normal of the plane with this height.
-
-    A solid lies inside a convex face if it lies on the inner side of each tangent plane of the face.
+    """Returns the largest heights of k inner solids over tangent planes of the outer curved face, and these planes'
+    normals. A solid inside a convex face is on the inner side of all of them.
     """
     quadric = np.diag(primitive.quadrics[primitive.curved])
     normals = primitive.surface_lines[:, 1] * quadric[:3]

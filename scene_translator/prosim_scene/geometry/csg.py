@@ -45,9 +45,7 @@ def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
 
 
 def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:
-    """Returns the value of a CSG tree, computed from the leaves upwards; ``combine(symbol, first, second)`` gets the
-    values of an operator's operands.
-    """
+    """Returns the value of a CSG tree from the leaves upwards; ``combine(symbol, first, second)`` is an operator's."""
     stack: list[T] = []
     for node in reversed(tree):
         stack.append(combine(node, stack.pop(), stack.pop()) if isinstance(node, str) else leaf(node))
@@ -165,9 +163,8 @@ class _Chain:
 
 
 def evaluate_chain(operands: Sequence[Operand]) -> Body | None:
-    """Evaluates a chain of + and -, whose first operand has the sign +.
-
-    If few operands touch, each added body is cut by the later subtracted bodies that touch the added body.
+    """Evaluates a chain of + and -, which begins with +. If few operands touch, each added body is cut by the later
+    subtracted ones that touch it.
     """
     subtracted = [body for sign, body in operands if sign == "-"]
     boxes = np.array([body.box for body in subtracted])
@@ -247,9 +244,7 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
 
 def difference(first: Body, others: Sequence[Body]) -> Body:
-    """Returns the body ``first`` minus the bodies ``others``. If several of these bodies have a common face, the
-    earliest of them owns the face.
-    """
+    """Returns ``first`` minus ``others``; the earliest body owns a common face."""
     near = [body for body in others if len(touching(body.boxes, first.box))]
     if _share_surfaces([first, *near]) and (body := union(near)):
         near = [body]
@@ -257,9 +252,7 @@ def difference(first: Body, others: Sequence[Body]) -> Body:
 
 
 def remainder(first: Body, second: Body) -> Body:
-    """Returns the second body minus the first body. On surfaces that both bodies share, the faces of the result belong
-    to the first body.
-    """
+    """Returns the second body minus the first, which owns the faces on surfaces that both share."""
     return _combined([first, second], None, [second])
 
 
@@ -291,9 +284,7 @@ SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the 
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns, for each of n boxes (n, 10, 3), the number of boxes that touch this box and have less than 1/8 of its
-    volume (see SMALL). The points of a box are those of ``Body.boxes``.
-    """
+    """Returns how many boxes with less than 1/8 of its volume (SMALL) touch each of n boxes (n, 10, 3)."""
     result = np.zeros(len(boxes), int)
     size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
     for pair in sweep(boxes[:, 0], boxes[:, 1]):
@@ -303,9 +294,8 @@ def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
 
 
 def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
-    """Returns the mesh of a leaf, with shorter edges if many small solids touch the leaf, such as holes in a plate.
-
-    If n solids cut one triangle, manifold3d needs a time proportional to n² to triangulate the rest of the triangle.
+    """Returns the mesh of a leaf, with shorter edges if many small solids touch it, such as holes in a plate: n cuts of
+    one triangle cost manifold3d a time proportional to n².
     """
     if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
         return manifold

@@ -184,9 +184,7 @@ def choose_segments(
 
 
 def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
-    """Returns an upper bound of the distance in pixels of the mesh from the curved face of the solid, in the window and
-    in the ball ``zone``.
-    """
+    """Returns an upper bound of the chord error in pixels, in the window and in the ball ``zone``."""
     mesh, primitive = solid.mesh(), solid.primitive
     triangles = mesh.vertices[mesh.triangles[mesh.faces[mesh.facets] == primitive.curved]]
     triangles = triangles[camera.may_see(triangles)]

@@ -16,9 +16,7 @@ DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3), np.indices((2, 2, 2)).reshap
 
 
 def warn_of_enclosure(document: Document, tree: Tree, table: Leaves, opaque: Sequence[bool]) -> None:
-    """Warns of the eye and of each light, or part of a light, inside an opaque solid; ``opaque`` has a flag for each
-    leaf of the CSG tree.
-    """
+    """Warns of the eye and of each light, or part of one, in an opaque solid; ``opaque``: for each leaf."""
     corners = world_box_corners(table.solids)
     low, high = corners.min(axis=1), corners.max(axis=1)
     numbers = [number for number, _ in document.scene.leaves]

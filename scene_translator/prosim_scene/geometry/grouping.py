@@ -20,11 +20,8 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yields the pairs of boxes that touch or overlap, each pair once, as two arrays of box numbers.
-
-    ``low`` and ``high`` (n, 3) are the minimum and maximum corners of the boxes. Each yielded item contains many pairs,
-    at most MAX_PAIRS, unless a single box has more. The first box of a pair has the smaller minimum x; the pairs are
-    sorted by the minimum x of their first boxes.
+    """Yields touching or overlapping boxes ``low`` to ``high`` (n, 3) as arrays of pairs, up to MAX_PAIRS or those of a
+    single box. The first of a pair has the smaller minimum x, by which they are sorted.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
@@ -48,20 +45,15 @@ def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.nd
 
 
 def touching(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Returns the numbers, in ascending order, of those of the ``boxes`` (n, 2, 3) that touch or overlap ``box`` (2,
-    3).
-    """
+    """Returns the numbers, ascending, of the ``boxes`` (n, 2, 3) that touch or overlap ``box`` (2, 3)."""
     return np.flatnonzero(((boxes[:, 0] <= box[1]) & (boxes[:, 1] >= box[0])).all(axis=1))
 
 
 def components(
     low: np.ndarray, high: np.ndarray, connected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 ) -> np.ndarray:
-    """Returns the label of each box: the smallest box number in the connected component of touching boxes that contains
-    the box.
-
-    ``connected(first, second)`` returns, for each of several pairs of touching boxes, whether the boxes are connected;
-    without this function, all touching boxes are connected.
+    """Returns the smallest box number in each box's connected component of touching boxes; ``connected(first,
+    second)``, if it is given, tells which touching pairs are connected.
     """
     label = np.arange(len(low))
     for first, second in sweep(low, high):

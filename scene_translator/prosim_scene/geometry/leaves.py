@@ -24,11 +24,8 @@ FAR = 16  # a scene whose distance from the origin is more than this number of s
 
 @dataclass(frozen=True, eq=False)
 class Leaves:
-    """The leaves of a scene's CSG tree: ``solids`` is the list of the distinct solids, and ``of_leaf`` has, for each
-    leaf, the number of its solid.
-
-    All positions are relative to ``origin`` (3,), a point in world coordinates. The distance between coincident facets
-    of different solids is at most ``thickness``, in scene units.
+    """The distinct ``solids`` of a CSG tree, and the number of each leaf's solid, ``of_leaf``. Positions are relative
+    to ``origin`` (3,); coincident facets are at most ``thickness``, in scene units, apart.
     """
 
     solids: list[Solid]
@@ -56,11 +53,8 @@ class Leaves:
         return solids, self.of_leaf.tobytes(), self.origin.tobytes()
 
     def corner_attributes(self, positions: np.ndarray, leaf: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns the normals and uv at the corners of n triangles; the normals are outward unit vectors in world
-        coordinates.
-
-        ``positions`` (n, 3, 3) are the positions of the corners; ``leaf`` (n,) and ``face`` (n,) are the numbers of the
-        leaf and of its face to which each triangle belongs.
+        """Returns outward unit normals, in world coordinates, and uv at the corners ``positions`` (n, 3, 3) of
+        triangles of these leaves and faces (n,).
         """
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
@@ -148,11 +142,8 @@ def _block(plane: Solid, *boxes: np.ndarray) -> Solid:
 
 
 def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Leaves:
-    """Returns the leaves with ``surfaces`` and ``facet_map`` of each :class:`.Solid` that shares surfaces with other
-    solids; equal solids are merged.
-
-    A solid of several leaves, or of a leaf that cuts several media, has shared surfaces even if no other solid has
-    them.
+    """Returns the leaves with ``surfaces`` and ``facet_map``; equal solids are merged. A solid of several leaves, or
+    that cuts several media, has shared surfaces even alone.
     """
     solids, of_leaf, thickness = leaves.solids, leaves.of_leaf, leaves.thickness
     # A leaf that cuts several media counts twice, because its faces become faces of several solids.
@@ -199,9 +190,7 @@ class Tessellation:
 
 
 def tessellation_of(leaves: Leaves) -> Tessellation:
-    """Makes the meshes of all solids, and moves the vertices of the meshes onto the planes that facets of several
-    solids share.
-    """
+    """Makes the meshes of all solids, with vertices moved onto planes that several solids share."""
     solids = leaves.solids
     meshes = [s.mesh() for s in solids]
     first = np.cumsum([0, *(len(m.faces) for m in meshes)])

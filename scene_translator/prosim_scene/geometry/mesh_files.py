@@ -82,11 +82,8 @@ class MeshFile(Primitive):
         return self._mesh
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals and uv at the points ``p``, interpolated in the file's triangles whose numbers are ``face``.
-        No corner shares its vertex with other triangles.
-
-        A normal that does not point outwards is replaced by the normal of the triangle. If the file has no uv, uv is
-        (x, y).
+        """Returns normals, of the triangle where the file's point inwards, and uv, (x, y) without any, interpolated in
+        the triangles ``face``. No corner is shared.
         """
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
@@ -123,9 +120,7 @@ def _joined(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
-    """Raises ValueError if a mesh is not closed: its triangles use an edge more often in one direction than in the
-    opposite direction.
-    """
+    """Raises ValueError if triangles use an edge more often in one direction than in the other."""
     a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     edges, number = np.unique(np.minimum(a, b) * len(points) + np.maximum(a, b), return_inverse=True)
     wrong = np.flatnonzero(np.bincount(number, np.sign(b - a)) != 0)
@@ -145,10 +140,8 @@ def _manifold(points: np.ndarray, triangles: np.ndarray) -> Manifold:
 
 
 def _united(solid: Manifold) -> tuple[Manifold | None, str]:
-    """Returns the union of the connected parts of ``solid``, or None if the parts neither touch nor overlap; and a
-    warning about overlaps, or "". Raises ValueError if a part is inside out.
-
-    Cavities are parts, too; parts that overlap beside a cavity are not united.
+    """Returns the union of the parts, or None if none touch, and a warning of overlaps, or "". Cavities are parts;
+    overlaps beside one are not united. Raises ValueError if a part is inside out.
     """
     parts, united, unite = solid.decompose(), None, "unite them in the program that wrote the file"
     overlap = _overlap(solid, parts)

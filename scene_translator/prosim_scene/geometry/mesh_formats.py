@@ -101,12 +101,8 @@ def _ply(data: bytes) -> MeshData:
 
 
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
-    """Reads ``count`` rows of a PLY element; the rows begin at the byte ``position`` of ``body``, the file's content
-    after the header.
-
-    Returns a dictionary from property names to values, and the position after the last row. The values of a property
-    are an array if every list property has the same length in all rows; otherwise the values are a list with one entry
-    per row. For an element without rows or properties, the dictionary is empty.
+    """Reads ``count`` rows of a PLY element at ``position``; returns name -> values, and the position behind. Values
+    are an array, or a list by row if a list property varies in length.
     """
     if not count or not properties:
         return {}, position

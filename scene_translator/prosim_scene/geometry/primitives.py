@@ -45,10 +45,8 @@ class Mesh:
 
 @dataclass(frozen=True)
 class CornerAttributes:
-    """Normals and uv at the corners of n triangles on a primitive.
-
-    ``normals`` (n, 3, 3) point outwards and have any length. ``uv`` has the shape (n, 3, 2). ``unshared`` (n, 3) is
-    True for a corner whose vertex must not be shared with other triangles.
+    """Outward ``normals`` (n, 3, 3) of any length and ``uv`` (n, 3, 2) at the corners of triangles; ``unshared`` (n, 3)
+    where a vertex must not be shared with other triangles.
     """
 
     normals: np.ndarray
@@ -98,9 +96,7 @@ class Primitive(ABC):
         """
 
     def implicit(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the values (...) and the gradients (..., 3) of a function that is 0 on the curved face, at the points
-        ``p`` (..., 3).
-        """
+        """Returns values (...) and gradients (..., 3) of a function that is 0 on the curved face."""
         form = np.diag(self.quadrics[self.curved])
         return p**2 @ form[:3] + form[3], 2 * p * form[:3]
 
@@ -123,10 +119,8 @@ class Primitive(ABC):
         return radius, np.append(center, radius[:, None], axis=1)
 
     def pixel(self, to_world: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-        """Returns, for each transform (n, 4, 4), the width of a pixel relative to the size of the curved face, and
-        whether the primitive may be in the window.
-
-        The width is that at the point of the primitive that is nearest to the eye.
+        """Returns the width of a pixel at the nearest point, relative to the curved face, and whether the primitive may
+        be in the window; for each transform (n, 4, 4).
         """
         linear, offset = to_world[:, :3, :3], to_world[:, :3, 3]
         size, ball = self.ball(to_world)
@@ -180,11 +174,8 @@ def circle(segments: int) -> np.ndarray:
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the azimuth of each corner of triangles ``p`` (n, 3, 3), as a fraction of a full turn about the z axis,
-    and whether each corner is on this axis.
-
-    The azimuth is in [0, 1]; in a triangle that crosses the seam at azimuth 0, 1 is added to azimuths below 0.5. The
-    azimuth of a corner on the axis is the mean of the azimuths of the triangle's other corners.
+    """Returns the azimuth of corners (n, 3, 3) as a fraction of a turn, at most 1, and whether each is on the axis,
+    where it is the mean of the others. Beyond the seam at 0, 1 is added to azimuths below 0.5.
     """
     on_axis = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0
@@ -207,10 +198,8 @@ class Cube(Primitive):
     def __init__(
         self, name: str = "cube", box: ArrayLike = ((0, 0, 0), (1, 1, 1)), rectangle: ArrayLike | None = None
     ) -> None:
-        """Makes a cube that has the minimum and the maximum corner ``box``.
-
-        If the other solids are small, ``rectangle`` (2, 2) divides the side z = 1: a mesh whose long narrow triangles
-        end at them would have holes in single precision.
+        """Makes a cube with the corners ``box``. Where small solids need it, ``rectangle`` (2, 2) divides the side z =
+        1: long narrow triangles would have holes in single precision.
         """
         self.name, self.box = name, np.array(box, float)
         self.vertices, self.faces = box_corners(self.box), np.arange(6)
@@ -234,9 +223,7 @@ class Cube(Primitive):
 
 
 def _subdivided_octahedron(segments: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the vertices and the triangles of an octahedron whose faces are divided into equal triangles, and whose
-    vertices are then moved onto the unit sphere.
-    """
+    """Returns vertices, on the unit sphere, and triangles of an evenly subdivided octahedron."""
     mesh = Manifold.sphere(1.0, segments).to_mesh64()
     vertices = np.array(mesh.vert_properties)[:, :3]
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.array(mesh.tri_verts, dtype=np.int64)
@@ -367,9 +354,7 @@ class Torus(Primitive):
         self.surface_lines = np.repeat(self.mesh(64, np.eye(4)).vertices[:, None], 2, axis=1)  # points
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns the mesh of the torus: a facet of two triangles for each pair of a segment around z and a segment of
-        the tube. ``facet_map`` has no effect.
-        """
+        """Returns a facet of two triangles for each pair of segments, around z and of the tube."""
         of_tube = 4 * math.ceil(segments * math.sqrt(self.radius / (1 + self.radius)) / 4)  # an equal chord error
         x, z = ((1, 0) + self.radius * circle(of_tube)).T
         around = circle(segments)[:, None] * x[:, None]
@@ -384,9 +369,7 @@ class Torus(Primitive):
         return size, np.append(to_world[:, :3, 3], size[:, None], axis=1)
 
     def implicit(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the values (...) of the distance from the centre of the tube, squared, less the radius squared, and
-        the gradients (..., 3) of this function.
-        """
+        """Returns the squared distance from the centre of the tube less the radius squared, and gradients."""
         distance = np.linalg.norm(p[..., :2], axis=-1)
         from_center = p * np.stack([1 - 1 / np.maximum(distance, 1e-300)] * 2 + [np.ones_like(distance)], axis=-1)
         return (distance - 1) ** 2 + p[..., 2] ** 2 - self.radius**2, 2 * from_center

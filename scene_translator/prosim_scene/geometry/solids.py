@@ -40,9 +40,7 @@ class Solid:
 
     @property
     def inradius(self) -> float:
-        """The inradius of the mesh of the curved face in the primitive's coordinates, where the radius of the curved
-        face is 1; without the effects of ``facet_map`` and ``scale``.
-        """
+        """The inradius of the curved face's mesh, for radius 1; without ``facet_map`` and ``scale``."""
         return inradius(self.primitive, self.segments)
 
     @property

@@ -26,9 +26,8 @@ from .solids import matrices, world_box_corners
 
 
 class Look(NamedTuple):
-    """What a primitive looks like: a key of its ``material``, a key of the ``medium`` inside it, which is None for an
-    opaque primitive, and whether an opaque primitive reflects by Fresnel's equations, which depend on the medium
-    outside.
+    """What a primitive looks like: keys of its ``material`` and of the ``medium`` inside (None if opaque), and whether
+    it is opaque and reflects by Fresnel's equations, which depend on the medium outside.
     """
 
     material: Hashable
@@ -51,10 +50,8 @@ class MeshKey(NamedTuple):
 
 @dataclass(eq=False)
 class Triangles:
-    """Triangles with common vertices; ``index`` (n, 3) has the vertex numbers of each triangle's corners, ``vertices``
-    (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2) have the data of each vertex.
-
-    Triangles share a vertex only if their corners have the same position, normal and uv.
+    """Triangles ``index`` (n, 3) of ``vertices`` (k, 3), unit ``normals`` (k, 3) and ``uv`` (k, 2); they share a vertex
+    only with equal position, normal and uv.
     """
 
     vertices: np.ndarray
@@ -69,10 +66,8 @@ class Triangles:
 
 
 def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
-    """Returns keys (n, 3) of triangle corners; corners with equal keys become one vertex.
-
-    Two corners have equal keys if they have the same vertex and face, and lie on the same side of the seam of uv. Each
-    corner that is ``unshared`` gets a unique negative key; ``first`` such corners already have keys.
+    """Returns keys (n, 3) of corners, equal if vertex, face and side of the uv's seam are; each ``unshared`` one gets
+    its own negative key, after the ``first`` that have keys.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     # Face numbers are below 8, except in mesh files, whose corners are all unshared.
@@ -107,12 +102,8 @@ class SurfaceMesh:
 
 
 class TranslationCache:
-    """A cache for repeated translations, which stores the surface of the CSG tree that was evaluated last, and the
-    cache key of this surface.
-
-    The cache key of a surface does not depend on colours and textures. The cache needs as much memory as the evaluation
-    of the CSG tree. ``evaluations`` counts the CSG trees that were evaluated because the cache did not contain their
-    surface.
+    """Keeps the CSG surface that was evaluated last, whose key ignores colours and textures; it needs as much memory as
+    the evaluation. ``evaluations`` counts those that it did not contain.
     """
 
     def __init__(self) -> None:
@@ -323,12 +314,8 @@ def _surface_mesh(
 
 
 def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, int]:
-    """Returns the media inside and outside of a face for its :class:`MeshKey`; ``own`` is the medium of the face's
-    leaf.
-
-    For an opaque face, the result contains the medium outside only if the face ``reflects`` by Fresnel's equations;
-    otherwise it contains air instead. A face that a dielectric cuts into an opaque solid belongs to the dielectric, so
-    the medium inside is that of the dielectric.
+    """Returns the media of a face for its :class:`MeshKey`: air outside an opaque face unless it ``reflects`` by
+    Fresnel's equations, and the dielectric inside a face that it cut into an opaque solid.
     """
     if own == OPAQUE:
         return own, outside if reflects else AIR

@@ -44,9 +44,7 @@ def garbage_collection_paused() -> Iterator[None]:
 
 
 def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None) -> Document:
-    """Returns the scene that ``text`` describes, with the position of each value in the text; otherwise as
-    :func:`parse`.
-    """
+    """Returns the scene of ``text`` with the position of each value; otherwise as :func:`parse`."""
     reader, problems, document = analyse(text, filename, define)
     for problem in problems:
         if isinstance(problem, SceneWarning):
@@ -105,9 +103,7 @@ def too_large(path: AnyPath) -> SceneError:
 
 
 def _with_separate_indices(document: Document) -> Document:
-    """Returns an equivalent document in which the primitives of named solids have separate indices; a document without
-    named solids is returned unchanged.
-    """
+    """Returns a document in which the primitives of named solids have indices of their own."""
     scene, spans = document.scene, dict(document.spans)
     surfaces, transforms, csg = dict(scene.surfaces), dict(scene.transforms), list(scene.csg)
     new_index: dict[tuple[int, ...], int] = {}
@@ -136,9 +132,7 @@ def _used_indices(scene: Scene) -> set[int]:
 
 
 def _scene_problems(document: Document) -> Iterator[Problem]:
-    """Yields the errors and warnings that only a check of the whole scene finds; each check yields MAX_ERRORS + 1 of
-    them at most.
-    """
+    """Yields what only a check of the whole scene finds; each check at most MAX_ERRORS + 1."""
     values = _settings_problems, _lights_problems, _materials_problems, _kinds_problems
     for problems in *values, _indices_problems, _textures_problems, _unused_warnings:
         yield from islice(problems(document), MAX_ERRORS + 1)

@@ -47,9 +47,8 @@ class Diagnostic(Exception):  # noqa: N818 - also of warnings
 
 
 class SceneWarning(Diagnostic, UserWarning):
-    """A probable mistake, or an approximation, in a valid scene. A SceneWarning is emitted through ``warnings.warn``.
-
-    A SceneWarning has the attributes of a :class:`SceneError`, except ``others``.
+    """A probable mistake, or an approximation, in a valid scene, through ``warnings.warn``; with the attributes of a
+    :class:`SceneError`, except ``others``.
     """
 
     def emit(self) -> None:
@@ -78,9 +77,8 @@ Kind = TypeVar("Kind", SceneError, SceneWarning)
 
 
 def combined_error(errors: Sequence[SceneError]) -> SceneError:
-    """Combines several errors into one, which is a copy of the first error; its message is followed by the messages of
-    at most MAX_SHOWN other errors, and by a note if there are more errors. The attribute ``others`` of the result has
-    all other errors.
+    """Returns the first error, with the messages of at most MAX_SHOWN others and a note of more; ``others`` has all of
+    them.
     """
     first, *others = errors
     more = len(others) - MAX_SHOWN
@@ -117,9 +115,7 @@ class Source:
         return line, offset - self.line_starts[line - 1] + 1
 
     def message(self, span: Span, reason: str) -> str:
-        """Returns ``file:line:column: reason``, the source line, and a caret under the span. Of a span of several
-        lines, only the first line is shown.
-        """
+        """Returns ``file:line:column: reason``, the first line of the span, and a caret under it."""
         line, column = self.line_column(span.start)
         start = self.line_starts[line - 1]
         end = self.text.find("\n", span.start)
@@ -137,10 +133,8 @@ class Source:
         return self.diagnostic(SceneError, span, reason, code)
 
     def diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
-        """Returns an error or a warning about the text at ``span``; ``kind`` is the class of the result.
-
-        If the text at ``span`` contains ``$names`` that ``reason`` does not mention, the values of at most three of
-        these names are added to the reason. Names without a known value are ignored.
+        """Returns an error or a warning (``kind``) about ``span``; the reason gets the values of at most three known
+        ``$names`` in it that it does not mention.
         """
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]

@@ -24,9 +24,7 @@ class Document:
     uses: frozenset[str] = frozenset()
 
     def is_given(self, *path: str | int) -> bool:
-        """Whether the text states the value with the path ``path``, such as ("view", "eye"); if not, the value is a
-        default.
-        """
+        """Whether the text states the value with the path ``path``, such as ("view", "eye")."""
         return path in self.spans
 
     def span(self, *path: str | int) -> Span:
@@ -58,18 +56,14 @@ class Document:
         self.warning(reason, *path).emit()
 
     def names_of(self, leaves: Sequence[int]) -> str:
-        """Returns the names and the lines of the leaves of the CSG tree that have the numbers ``leaves``; of more than
-        ten leaves, only the first ten.
-        """
+        """Returns the names and lines of these leaves of the CSG tree; of more than ten, the first ten."""
         places = [self.scene.leaves[i] for i in leaves[:10]]
         names = [f"{leaf.shape.upper()} {leaf.index} (line {self.line('csg', number)})" for number, leaf in places]
         return ", ".join(names) + (f" and {len(leaves) - 10} more" if len(leaves) > 10 else "")
 
     def operands_note(self, number: int) -> str:
-        """Returns a note on the operands of the nearest operator - or * above node ``number`` of the CSG tree, or "".
-
-        Warnings about solids that vanish end with this note, because users often write an operator between its
-        operands by mistake.
+        """Returns a note on the operands of the nearest - or * above a node, or "": users often write an operator
+        between its operands by mistake, and solids vanish.
         """
         ends = subtree_ends(self.scene.csg)
         above = [i for i in range(number) if ends[i] > number and self.text_of("csg", i) in ("-", "*")]
@@ -81,9 +75,7 @@ class Document:
 
 
 def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
-    """Returns, for each node of a CSG tree in prefix order, the position after its subtree; this is beyond the end of
-    ``csg`` if operands are missing.
-    """
+    """Returns the position after each node's subtree in prefix order; beyond the end if operands are missing."""
     ends = list(range(1, 2 * len(csg) + 2))  # each position, also beyond the end of csg, counts as a leaf at first
     for i in reversed(range(len(csg))):
         if isinstance(csg[i], Operator):

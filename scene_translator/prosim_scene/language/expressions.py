@@ -57,16 +57,12 @@ def number_text(value: float) -> str:
 
 
 class Definitions:
-    """The values of the ``$names`` in one text, and the set ``uses`` of the names that the text uses.
-
-    A name has the value that the caller sets (``-D`` of the commands, ``define`` in Python). If the caller sets no
-    value, the name has the value of the DEFAULT statement above its use. ``$frame`` and ``$time`` are predefined.
+    """The values of ``$names``: the caller's (``-D``, ``define``), else of the DEFAULT above its use; ``$frame`` and
+    ``$time`` are predefined. ``uses`` are the names that the text uses.
     """
 
     def __init__(self, source: Source, given: Mapping[str, object] | None = None) -> None:
-        """``given`` is a dictionary of the values that the caller sets. Raises SceneError if ``given`` has a name or a
-        value that the scene language does not allow.
-        """
+        """Raises SceneError if ``given``, by the caller, has a name or value that is not allowed."""
         self.source = source
         self.caller_values = {name: _caller_value_text(source, name, value) for name, value in (given or {}).items()}
         self.defaults: dict[str, str] = {}
@@ -76,18 +72,13 @@ class Definitions:
         source.names.update({name: f"{quote(text)}, by -D {name}={text}" for name, text in self.caller_values.items()})
 
     def set_default(self, name: str, text: str) -> None:
-        """Stores the value that a DEFAULT statement sets for the name ``name``; a value that the caller sets has
-        priority.
-        """
+        """Stores the value of a DEFAULT statement, unless the caller has set one."""
         self.defaults[name] = text
         self.source.names.setdefault(name, quote(text))
 
     def value_text(self, name: str, span: Span) -> str | None:
-        """Returns the value of a ``$name`` as text; if the name has no value, returns None and adds an error to
-        ``undefined``. ``span`` is the position of the name in the text.
-
-        ``$time`` is ``$frame`` / FPS, unless the caller or a DEFAULT statement sets ``$time``. Only the first use of a
-        name without a value adds an error, and only for the first MAX_ERRORS + 1 of these names.
+        """Returns the value of a ``$name`` as text, or None with an error at ``span`` at its first use. ``$time`` is
+        ``$frame`` / FPS unless it is set.
         """
         self.uses.add(name)
         if name in self.values:
@@ -114,9 +105,7 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """Raises SceneError if the caller defines a name, other than ``$frame`` and ``$time``, that the scene does not
-        use. ``check_uses`` may be called only after the whole text is read.
-        """
+        """After the whole text, raises SceneError for an unused definition, except ``$frame`` and ``$time``."""
         for name, text in self.caller_values.items():
             if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
@@ -144,10 +133,8 @@ def _caller_value_text(source: Source, name: str, value: object) -> str:
 
 
 def evaluate(source: Source, braces: Span, definitions: Definitions) -> float:
-    """Computes the expression at the span ``braces``; returns NaN if a name in the expression has no value.
-
-    Raises SceneError for wrong syntax, an unknown word, a wrong number of arguments, more than MAX_LENGTH characters,
-    and a value, also of a name or an operand, that is not finite.
+    """Computes the expression in ``braces``; NaN if a name has no value. Raises SceneError for wrong syntax, unknown
+    words, wrong arguments, more than MAX_LENGTH characters, and values that are not finite.
     """
     first, inside = braces.start + 1, source.text[braces.start + 1 : braces.end - 1]
     if len(inside) > MAX_LENGTH:
@@ -173,9 +160,7 @@ def _parser() -> Lark:
 
 
 def _value(source: Source, node: Tree[Token], span: Span, operands: list[float], definitions: Definitions) -> float:
-    """Computes one node of an expression's syntax tree from the values of its operands; NaN if an operand is NaN, or if
-    the node is a name without a value.
-    """
+    """Computes a node from its operands; NaN if one of them is, or if the node is a name without a value."""
     word = str(node.children[0]) if isinstance(node.children[0], Token) else ""
     if node.data == "name":
         return definitions.number(word[1:], span)

@@ -40,9 +40,7 @@ def format(text: str, filename: AnyPath = "<string>") -> str:
 
 @dataclass
 class _Line:
-    """A line of the formatted text: its indentation ``depth``, its ``words``, the ``mark`` between its keyword and its
-    values, and its ``comments``.
-    """
+    """A formatted line: its indentation, words, the mark between its keyword and its values, and comments."""
 
     depth: int
     words: list[str] = field(default_factory=list)
@@ -68,11 +66,8 @@ class _Layout:
         self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
     def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
-        """Adds a line that begins with ``word``; returns the number of the new line, or the number of the first of the
-        comment lines directly above the new line.
-
-        ``depth`` is the indentation of the new line. Comment lines directly above the new line get the indentation
-        ``comment_depth``. ``mark`` is the mark between the word and its values: "=", "(" or "" for no mark.
+        """Adds a line with ``word`` and the ``mark`` after it, "=", "(" or ""; comments right above get the indentation
+        ``comment_depth``. Returns its number, or that of the first of these comments.
         """
         at = len(self.lines)
         while at and not self.lines[at - 1].words:  # a line without words is a comment
@@ -89,9 +84,8 @@ class _Layout:
         self.lines[-1].comments.append("\n".join(line.rstrip() for line in token.text.split("\n")))
 
     def add_token(self, token: Token) -> None:
-        """Adds a token that is not a comment: a value to the current line, a node of the CSG tree as :meth:`add_node`
-        does, and any other token on a new line. A blank line separates two statements if one of them has its parameters
-        on separate lines.
+        """Adds a value to the line, a node by :meth:`add_node`, or another token on a new line; a blank line separates
+        statements with parameters on separate lines.
         """
         kind, text = token.role, self.source[token.start : token.end]
         if kind in VALUES:
@@ -112,11 +106,8 @@ class _Layout:
             self.add_line(depth, text, 1, mark)
 
     def add_node(self, token: Token, text: str) -> None:
-        """Adds a node of the CSG tree to the lines of the layout: an operator, the keyword of a primitive, or the name
-        of a solid.
-
-        Successive operators stand on one line, unless a comment stands between them; their operands stand below this
-        line, one step to the right.
+        """Adds a node of the CSG tree. Operators without comments between them share a line; their operands stand
+        below, one step to the right.
         """
         depth = len(self.missing_operands) + 1
         if self.heading == "VIEW":  # the thesis's example scene has a superfluous dash here

@@ -75,9 +75,7 @@ class Reader(Scanner):
     """
 
     def __init__(self, text: str, filename: str = "<string>", define: Mapping[str, object] | None = None) -> None:
-        """Reads the whole text, and stores errors in the text. Raises SceneError for a wrong name or value in
-        ``define``.
-        """
+        """Reads the whole text, and stores its errors. Raises SceneError for a wrong ``define``."""
         source = Source(text, filename)
         super().__init__(source, Definitions(source, define))
         patterns = {name: model.Pattern(kind) for name, kind in words.BUILT_IN.items()}
@@ -99,9 +97,8 @@ class Reader(Scanner):
     # ---- The text, statement by statement
 
     def read_text(self) -> None:
-        """Reads the statements of the text, until END, the end of the text, or more than MAX_ERRORS errors.
-
-        A syntax error replaces the other errors of its statement; the reader then continues with the next statement.
+        """Reads statements up to END or more than MAX_ERRORS errors. A syntax error replaces the others of its
+        statement.
         """
         while len(self.errors) <= MAX_ERRORS:
             error_count, self.keyword = len(self.errors), self.token
@@ -135,10 +132,8 @@ class Reader(Scanner):
                 self.warnings.append(self.source.diagnostic(SceneWarning, Span(start, end), reason, "after-end"))
 
     def read_statement(self) -> None:
-        """Reads a statement, and stores its value in ``fields``, or in ``definitions``.
-
-        The value of a duplicate statement, or of a statement with a wrong index, is discarded: its path begins with
-        "duplicate" or "unknown" instead of the name of a field.
+        """Reads a statement into ``fields`` or ``definitions``; a duplicate or one with a wrong index is discarded: its
+        path begins with "duplicate" or "unknown".
         """
         role = self.keyword.role
         if role not in KEYED:
@@ -151,9 +146,8 @@ class Reader(Scanner):
             self.fields[str(field)] = value
 
     def skip_statement(self, error: SceneError) -> bool:
-        """Skips the rest of a statement after an error: continues at the next line that begins with the keyword of a
-        statement. Returns False if no line after the error begins with such a keyword. Removes the tokens that were
-        read beyond the beginning of the next statement.
+        """Skips to the next line that begins with the keyword of a statement, and removes tokens read beyond; returns
+        whether there is one.
         """
         start = max(error.span.start if error.span else 0, self.keyword.start)
         next_statement = STATEMENT_LINE.search(self.source.text, start + 1)
@@ -166,10 +160,8 @@ class Reader(Scanner):
     # ---- Tokens
 
     def with_expected_role(self, token: Token) -> Token:
-        """Returns a copy of ``token``, which is the name of a solid, with the grammar role USE; the copy replaces the
-        last token that was read.
-
-        Raises SceneError if the token is not the name of a solid, or if the grammar expects no name of a solid here.
+        """Returns ``token``, the name of a solid, with the role USE, also in the list of tokens. Raises SceneError if
+        it is none, or not expected here.
         """
         if "USE" not in self.expected or normalise(token.text) not in self.fields["solids"]:
             raise self.unexpected_token(token)
@@ -182,12 +174,8 @@ class Reader(Scanner):
             self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the ``path`` and the span of the current statement's value; reports an error if an earlier statement
-        sets the same value.
-
-        The value of a duplicate statement gets a different path, so that its parameters are not reported as duplicates
-        of the first statement's parameters. The span of the value is that of the token ``at``, or, if ``at`` is None,
-        that of the statement's keyword.
+        """Sets the path and the span (of ``at``, else of the keyword) of the statement's value; a duplicate is an
+        error, and gets another path, so that its parameters are none.
         """
         token, self.path = at or self.keyword, path
         if path in self.spans:
@@ -200,9 +188,7 @@ class Reader(Scanner):
         self.spans[self.path + path] = span
 
     def store_span_once(self, token: Token, what: str, *path: str | int) -> None:
-        """Stores the span of a part of the current statement's value; reports an error about ``what`` if the statement
-        has already set this part.
-        """
+        """Stores the span of a part of the value; an error about ``what`` if it is already set."""
         if first := self.spans.get(self.path + path):
             line, _ = self.source.line_column(first.start)
             reason = f"{what} stands twice; the first is on line {line}; delete one"
@@ -235,10 +221,8 @@ class Reader(Scanner):
         return self.checked_numbers(keyword, allowed)
 
     def checked_numbers(self, keyword: Token, allowed: Numbers) -> Any:
-        """Returns the value of the numbers that were read after ``keyword``; if the numbers are wrong, adds an error
-        and returns None. ``allowed`` describes the numbers that may follow the keyword.
-
-        If a ``$name`` may be undefined in a number, returns None without a further error.
+        """Returns the value of the numbers read after ``keyword``; None, with an error if they are not ``allowed``, or
+        without one if a ``$name`` may be undefined.
         """
         tokens = self.number_tokens
         if self.definitions.undefined and any(self.source.text[token.start] in "${" for token in tokens):
@@ -266,9 +250,8 @@ class Reader(Scanner):
         return None
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """Reads the parameters that begin at the current token; returns a dictionary from their names in the model to
-        their values, which are None if they are wrong. ``owner`` is the number of the light that has the parameters;
-        ``follow`` are the grammar roles that the token after a parameter may have.
+        """Reads parameters, with roles ``follow`` after each; returns name in the model -> value, or None for a wrong
+        one. ``owner`` is a light's number.
         """
         parameters: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:
@@ -329,9 +312,7 @@ class Reader(Scanner):
         return model.Background(color, image)
 
     def read_lights(self) -> tuple[model.Light, ...]:
-        """Reads a LIGHTS statement, which may have no lights. A SKY light has an image and no parameters. A CONE whose
-        angle is not stated has the angle 30 degrees.
-        """
+        """Reads a LIGHTS statement. A SKY has an image and no parameters; a CONE without angle has 30 degrees."""
         lights: list[model.Light] = []
         self.read_token(LIGHTS)
         while (token := self.token).role == "LIGHT":
@@ -358,10 +339,8 @@ class Reader(Scanner):
         return model.View(**self.read_parameters(VIEW))
 
     def read_index(self, field: str, follow: frozenset[str]) -> None:
-        """Reads the index after SURFACE or TRANSFORM; the statement sets the value with this index in the model's field
-        ``field``. ``follow`` are the grammar roles that the token after the index may have.
-
-        If the index is wrong, the path of the statement's value begins with "unknown", so that the value is discarded.
+        """Reads the index after SURFACE or TRANSFORM, which sets that value in ``field``; a wrong one begins the path
+        with "unknown", so that the value is discarded.
         """
         index = self.read_numbers(self.keyword, follow)
         if index is None and not self.definitions.undefined:
@@ -374,10 +353,8 @@ class Reader(Scanner):
         return model.Surface(**self.read_parameters(SURFACE))
 
     def read_material(self, parameters: dict[str, Any]) -> None:
-        """Reads ``material KIND [NAME]`` or ``metal NAME``, and stores both values in ``parameters``; NAME is the name
-        of a metal or a glass. Raises SceneError if NAME is unknown.
-
-        ``metal NAME`` alone makes the material a conductor.
+        """Reads ``material KIND [NAME]`` or ``metal NAME``, a conductor, into ``parameters``. Raises SceneError for an
+        unknown metal or glass.
         """
         kind = self.token
         if kind.role == "MATERIAL":
@@ -432,9 +409,7 @@ class Reader(Scanner):
         return model.Pattern(kind, tuple(sorted(parameters.items())))
 
     def read_solid(self) -> Tree:
-        """Reads a SOLID statement: a named CSG tree. Adds an error if the name is a word of the language, or if the
-        tree is empty.
-        """
+        """Reads SOLID, a named CSG tree; an error if the name is a word of the language, or without a tree."""
         token = self.read_token(frozenset(("WORD",)))
         self.begin_value("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.WORDS_BY_SPELLING:
@@ -446,10 +421,8 @@ class Reader(Scanner):
         return nodes
 
     def read_csg_tree(self) -> Tree:
-        """Reads the CSG tree of a CSG-TREE or SOLID statement: operators and primitives in prefix order.
-
-        Where the tree uses the name of a solid, the result contains the nodes of this solid. If the tree has an error,
-        the result is empty. Raises SceneError for an unexpected word, and for a tree that is written in parentheses.
+        """Reads operators and primitives in prefix order, with the nodes of named solids; empty after an error. Raises
+        SceneError for an unexpected word or a parenthesis.
         """
         error_count, first_token = len(self.errors), len(self.tokens)
         nodes: list[model.Operator | model.Leaf] = []
@@ -548,9 +521,8 @@ class Reader(Scanner):
     # ---- Syntax errors
 
     def unexpected_token(self, token: Token) -> SceneError:
-        """Returns the error about a token that the grammar does not allow; the message names the token, the expected
-        input and a suggestion. If the text ends here, the error is about a ``(`` that is not closed, or about the last
-        token.
+        """Returns the error: the token, what is expected, a suggestion. At the end of the text, it is about a ``(``
+        that is not closed, or about the last token.
         """
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
@@ -593,10 +565,8 @@ class Reader(Scanner):
         return self.source.error(span, found + reason, code)
 
     def expected_words(self, roles: frozenset[str]) -> list[str]:
-        """Lists the words of the language that have one of the grammar ``roles``, for error messages.
-
-        The list contains at most 20 names of solids. If ``roles`` contains roles of statements, the list ends with "the
-        next statement", or consists of "a statement".
+        """Lists words with these grammar ``roles`` for messages, at most 20 names of solids, and "the next statement"
+        or "a statement" for roles of statements.
         """
         inner = [role for role in words.ORDER if role in roles - STATEMENTS]
         names = [name for role in inner for name in words.role_in_words(role)]

@@ -31,10 +31,8 @@ def word_hint(word: str) -> str:
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
-    """Returns ``; did you mean 'X'?`` for the known word nearest to ``word``, or an empty string if no word is near.
-
-    Two words are near if most of their letters agree, in order, or if one word is a permutation of the other word's
-    letters and has more than two letters.
+    """Returns ``; did you mean 'X'?`` for the known word whose letters mostly agree in order, or, from three letters,
+    are a permutation; else an empty string.
     """
     spelling = normalise(word)[:MAX_QUOTE]
     known = {normalise(w): w for w in words}

@@ -123,9 +123,7 @@ class Scanner(ABC):
         return closings
 
     def read_comment(self, kind: str, start: int) -> None:
-        """Reads the comment that begins at ``start``: with ``#``, or, if ``kind`` is "mark", with a parenthesis. Raises
-        SceneError if a parenthesis is not closed.
-        """
+        """Reads a comment: with ``#`` or a parenthesis ("mark"), which must be closed (SceneError)."""
         if kind == "mark":
             if start not in self.closings:
                 reason = "this comment is not closed; expected ')'"
@@ -134,10 +132,8 @@ class Scanner(ABC):
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
-        """Returns the token of a less frequent kind, which is the name of a group in :data:`PIECE`.
-
-        An expression becomes a token with the expression's value, or with 1 if a name in it has no value. Raises
-        SceneError as :meth:`read_token` does.
+        """Returns the token of a less frequent group of :data:`PIECE`; an expression has its value, or 1 without one.
+        Raises SceneError as :meth:`read_token`.
         """
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")

@@ -43,9 +43,8 @@ class Numbers:
         return f"{self.count} number{'s' * (self.count > 1)} ({self.names}){also}"
 
     def range_in_words(self, number: float = 0) -> str:
-        """Describes the allowed values of the numbers, for error messages.
-
-        A limit that only computers have, such as 1e15, is described only if the wrong ``number`` is beyond it.
+        """Describes the allowed values; a limit that only computers have, such as 1e15, only if ``number`` is beyond
+        it.
         """
         if self.flags:
             return "TRUE or FALSE"
@@ -67,9 +66,7 @@ class Numbers:
         return count == self.count or 0 < count == (1 if self.channels else self.also)
 
     def parse(self, text: str) -> float:
-        """Converts a text to a number. If a flag is expected and the text is not TRUE, FALSE, 1 or 0, the result is -1,
-        which is never allowed.
-        """
+        """Converts a text to a number: a flag to 1, 0, or, if it is wrong, to -1, which is never allowed."""
         return FLAGS.get(normalise(text), -1) if self.flags else float(text)
 
     def allows(self, number: float) -> bool:
@@ -79,9 +76,8 @@ class Numbers:
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
     def value(self, numbers: Sequence[float]) -> Any:
-        """Converts allowed numbers to one value, or to a tuple; one number for all channels is repeated.
-
-        A flag becomes a bool, a whole number becomes an int.
+        """Converts allowed numbers to a value or a tuple: one for all channels repeated, a flag a bool, a whole number
+        an int.
         """
         values = tuple(map(bool if self.flags else int, numbers)) if self.whole else tuple(numbers)
         return values[0] if self.count == 1 else values * (self.count if len(values) == 1 else 1)

@@ -34,9 +34,7 @@ class Target(Protocol):
         """Returns the given camera, or the most similar camera that the target supports."""
 
     def light(self, context: Context, number: int, light: Light) -> Node:
-        """Returns the dictionary of an emitter, or of a shape with an emitter, for the AREA or POINT light with this
-        number.
-        """
+        """Returns the emitter, or the shape with an emitter, of the AREA or POINT light with this number."""
 
     def surface(self, context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
         """Returns the entries of a shape's dictionary for the SURFACE of the primitive ``leaf``, which is node
@@ -45,9 +43,7 @@ class Target(Protocol):
 
 
 def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """Returns a hashable key of the medium inside a primitive: the medium's refraction and absorption; None for an
-    opaque primitive.
-    """
+    """Returns a key of the medium inside a primitive, its refraction and absorption; None if it is opaque."""
     surface = scene.surfaces[leaf.index]
     if surface.material != "dielectric":
         return None
@@ -55,10 +51,8 @@ def medium_key(scene: Scene, leaf: Leaf) -> Hashable:
 
 
 def appearance_key(scene: Scene, leaf: Leaf) -> Hashable:
-    """Returns a key of the material and the textures of a primitive; primitives with equal keys may share a mesh.
-
-    The coordinates of a solid texture depend on the primitive's transform, so the key of a primitive with a solid
-    texture contains the primitive's index.
+    """Returns a key of material and textures, for primitives that may share a mesh. A solid texture depends on the
+    transform, so the key then has the primitive's index.
     """
     surface = scene.surfaces[leaf.index]
     textures = materials.effective_textures(leaf, surface)
@@ -117,9 +111,7 @@ def assemble(
 def _shapes(
     context: Context, target: Target, triangles: dict[MeshKey, Triangles], store: Callable[[str, bytes], str]
 ) -> Node:
-    """Returns the dictionaries of the shapes of a scene, each after a comment. The shapes are in the order in which
-    their materials first occur in the CSG tree.
-    """
+    """Returns the shapes, each after a comment, in the order in which materials first occur in the CSG tree."""
     document, scene = context.document, context.scene
     groups = group_equal(appearance_key(scene, leaf) for _, leaf in scene.leaves)
     first_leaves = [scene.leaves[positions[0]][1] for positions in groups.values()]

@@ -88,10 +88,8 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
 
 
 def warn_of_hidden_lights(context: Context, corners: Sequence[np.ndarray]) -> None:
-    """Warns of AREA lights that shade a surface from another light, because a light is a body in Mitsuba. In the thesis
-    only objects cast shadows.
-
-    ``corners`` are the corners (n, 3, 3) of the triangles of each mesh of the scene.
+    """Warns of AREA lights that shade a surface from another light, as bodies in Mitsuba, but not in the thesis.
+    ``corners`` (n, 3, 3) are those of each mesh.
     """
     document, scene = context.document, context.scene
     kinds = {number: light for number, light in enumerate(scene.lights) if light.kind != "sky"}
@@ -160,10 +158,8 @@ def sky_emitter(context: Context, number: int, light: Light) -> Node:
 
 
 def emitter(prefix: str, light: Light, color: Node, parameters: Node) -> Node:
-    """Returns the emitter of a POINT light, or the black sphere of an AREA light.
-
-    The name of the emitter's plugin is ``prefix`` followed by the kind of the light. ``color`` is the radiance or the
-    intensity, and ``parameters`` are the other parameters of the plugin.
+    """Returns the emitter of a POINT light, or the black sphere of an AREA light: the plugin ``prefix`` + kind, with
+    ``color`` and ``parameters``.
     """
     plugin = prefix + light.kind
     if light.kind == "point":

@@ -36,9 +36,7 @@ class MediumInterface:
 
 
 def roughness_parameters(surface: Surface, method: Method) -> Node:
-    """Returns the parameters of a BSDF of facets that describe the roughness of a surface; for a smooth surface, the
-    result is empty.
-    """
+    """Returns the parameters for the roughness of a surface of facets; none if it is smooth."""
     multiple = {"multiple_scattering": True} if method.multiple_scattering else {}
     exponent = surface.facet_exponent
     if surface.exponent is not None:
@@ -89,11 +87,8 @@ def mean_indices(context: Context, sides: MediumInterface) -> Node:
 
 
 def bsdf(context: Context, number: int, leaf: Leaf, sides: MediumInterface) -> Node:
-    """Returns the BSDF, a plugin of this project, of the primitive ``leaf``, node ``number`` of the CSG tree. ``sides``
-    are the media on both sides of the face.
-
-    The textures of the primitive multiply its diffuse and its ambient reflectance. A SURFACE without a material is a
-    classic Phong surface.
+    """Returns the BSDF, a plugin of this project, of ``leaf``, node ``number``; its textures multiply diffuse and
+    ambient reflectance. Without a material, it is a classic Phong surface.
     """
     surface = context.scene.surfaces[leaf.index]
     method = context.scene.method
@@ -152,9 +147,7 @@ def absorbs(surface: Surface) -> bool:
 
 
 def media(context: Context, sides: MediumInterface) -> Node:
-    """Returns the absorbing media on both sides of a face, as parameters of the shape. A side whose medium does not
-    absorb light, or is air, has no parameter.
-    """
+    """Returns the absorbing media of both sides as parameters of the shape; none for air or clear ones."""
     sides_by_name = {"interior": sides.inside, "exterior": sides.outside}
     surfaces = {name: context.scene.surfaces[i] for name, i in sides_by_name.items() if i is not None}
     return {name: _absorbing_medium(surface) for name, surface in surfaces.items() if absorbs(surface)}
@@ -170,10 +163,8 @@ def _absorbing_medium(surface: Surface) -> Node:
 
 
 def phong_exponent(surface: Surface) -> float | None:
-    """Returns the exponent of a surface's Phong lobe about the mirror direction, or None for a mirror.
-
-    The roughness of facets is converted to the exponent of an equally wide lobe. Facets with the RMS slope m are about
-    as rough as facets with the exponent 2/m^2 - 2 (Walter et al. 2007).
+    """Returns the exponent of the lobe about the mirror direction, or None for a mirror; a slope m of facets is about
+    as rough as 2/m^2 - 2 (Walter et al. 2007).
     """
     facets = surface.facet_exponent
     if surface.slope:
@@ -182,9 +173,8 @@ def phong_exponent(surface: Surface) -> float | None:
 
 
 def beckmann_slope(surface: Surface) -> float:
-    """Returns the RMS slope m of Beckmann's distribution for a surface, or 0 if the surface is smooth.
-
-    An exponent n of facets is converted to the RMS slope m = sqrt(2/(n + 2)) (Walter et al. 2007).
+    """Returns the RMS slope m of a surface, 0 if it is smooth; an exponent n of facets is m = sqrt(2/(n + 2)) (Walter
+    et al. 2007).
     """
     exponent = roughness_parameters(surface, Method()).get("exponent")
     return surface.slope or 0.0 if exponent is None else math.sqrt(2 / (exponent + 2))

@@ -10,9 +10,7 @@ SAMPLER, LENS = "nrook", "prosim_window"
 
 
 def settings(context: Context) -> Node:
-    """Returns the integrator ``prosim`` with the settings of a scene, and a comment that lists their statements. The
-    colours of a background image are not divided by 65535.
-    """
+    """Returns the integrator ``prosim``, and a comment that lists the statements of its settings."""
     scene = context.scene
     background = rgb(lights.from_full_scale(scene.background.color))
     if scene.background.image is not None:

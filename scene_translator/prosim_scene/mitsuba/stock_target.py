@@ -180,9 +180,7 @@ def _mean_color(kind: str, parameters: dict[str, Any]) -> np.ndarray:
 def _bsdf(
     context: Context, index: int, surface: Surface, sides: materials.MediumInterface, diffuse: Node, ks: Vector
 ) -> Node:
-    """Returns the BSDF of the SURFACE ``surface``, which has the index ``index``; ``sides`` are the media on both sides
-    of the face.
-    """
+    """Returns the BSDF of ``surface``, number ``index``, between the media ``sides``."""
     path = "surfaces", index
     alpha = materials.beckmann_slope(surface)
     if alpha:

@@ -31,9 +31,7 @@ UNITS = ("calibrated", "radiance", "unattenuated")
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """The options of a translation; :func:`prosim_scene.translate` describes them. Raises SceneError if an option has a
-    wrong value.
-    """
+    """The options of :func:`prosim_scene.translate`. Raises SceneError for a wrong value."""
 
     target: str = "prosim"
     light_units: str = "calibrated"
@@ -173,16 +171,12 @@ def is_image(path: Path) -> bool:
 
 
 def located(folder: Path, name: str) -> Path:
-    """Returns the path of the file that a scene calls ``name``; a relative name is relative to the scene's folder
-    ``folder``.
-    """
+    """Returns the path of the file ``name``, relative to the scene's folder ``folder``."""
     return folder / name.replace("\\", "/")
 
 
 def images(document: Document) -> list[tuple[str, ValuePath]]:
-    """Lists the names of the image files that a scene uses, each with its path in the model, such as ("background",
-    "image"). A name that the scene uses several times is listed several times.
-    """
+    """Lists each use of an image file: its name, and its path such as ("background", "image")."""
     scene = document.scene
     names: dict[ValuePath, str | None] = {("background", "image"): scene.background.image}
     names |= {("lights", number, "image"): light.image for number, light in enumerate(scene.lights)}

@@ -173,7 +173,7 @@ def hidden_points(recorder: Recorder) -> Iterator[str]:
     darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
     for level, shape, lamp in sorted(darkest[:MOST_DARK]):
         counts = groups[level, shape, lamp]
-        points = f"of {counts.total()} points of {recorder.lamps[lamp]}"
+        points = f"of {counts.total()} point{'s' * (counts.total() > 1)} of {recorder.lamps[lamp]}"
         del counts[STATES[VISIBLE]]
         parts = [f"{number} {words}" for words, number in counts.most_common(MOST_CAUSES)]
         if rest := counts.total() - sum(number for _, number in counts.most_common(MOST_CAUSES)):

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -153,6 +154,12 @@ def test_workers_leave_no_temporary_file(lamp, tmp_path, killed):
         process.wait(PATIENCE)
     assert process.returncode == (-signal.SIGKILL if killed else 0)
     until(lambda: not os.listdir(folder))
+
+
+def test_certificate_has_files_in_its_folder_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", None)
+    for role in ("client", "scheduler", "worker"):
+        assert cluster.certificate(tmp_path).get_connection_args(role)["ssl_context"].get_ca_certs()
 
 
 @pytest.mark.slow

@@ -58,7 +58,7 @@ def workers(number: int, threads: int | None = None, folder: Path | None = None)
                     threads_per_worker=max(1, (threads or os.cpu_count() or 1) // number),
                     host="127.0.0.1",
                     local_directory=place,
-                    security=True,  # a temporary certificate
+                    security=True if folder is None else certificate(folder),
                     dashboard_address="127.0.0.1:0",
                     memory_limit=0,  # no limit
                     silence_logs=logging.CRITICAL,
@@ -72,6 +72,20 @@ def workers(number: int, threads: int | None = None, folder: Path | None = None)
         cluster.adapt(minimum=number, maximum=number, interval=REPLACE_INTERVAL)
         with distributed.Client(cluster, set_as_default=False) as client:
             yield client
+
+
+def certificate(folder: Path) -> distributed.Security:
+    """Returns a temporary certificate with files in ``folder``: Dask would write them elsewhere at each connection, and
+    leave them there if the process is killed at this moment.
+    """
+    security = distributed.Security.temporary()
+    for part in ("cert", "key"):
+        path = folder / f"{part}.pem"
+        path.touch(mode=0o600)
+        path.write_text(getattr(security, f"tls_client_{part}"))
+        for role in ("client", "scheduler", "worker"):
+            setattr(security, f"tls_{role}_{part}", str(path))
+    return security
 
 
 @contextmanager

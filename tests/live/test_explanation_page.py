@@ -38,6 +38,12 @@ def test_page_fits_and_says_what_it_shows(page):
     assert page.text_content("#command") == "prosim explain" and " pixels" in page.text_content("#sum")
     assert page.evaluate("Math.min(...[...document.querySelectorAll('#list button')].map(b => b.offsetHeight))") >= 44
     assert "of 16 samples make 90 %" in page.text_content("#error")
+    assert page.text_content("#sample").endswith(" % of the squared error")
+    # The image comes before the sentences, and fits into the first screen.
+    bottom, light = page.evaluate(
+        "['frame', 'light'].map(id => find(id).getBoundingClientRect()).map(box => box.bottom)"
+    )
+    assert bottom < 800 and bottom < light
     assert page.get_attribute("#tree [aria-pressed=true]", "data-number") == page.text_content("#node td").split(",")[0]
     page.focus("#tree [data-number='1']")
     page.keyboard.press("Enter")
@@ -63,7 +69,11 @@ def test_keyboard_chooses_samples_and_nodes(page):
     assert page.locator("#tree [role=button]").count() == page.evaluate("tree.nodes.length") > 1
     page.locator("#tree [role=button]").last.focus()
     page.keyboard.press("Space")
-    assert page.text_content("#node td").startswith(f"{page.evaluate('tree.nodes.length')}, from node ")
+    number = page.locator("#tree [role=button]").last.get_attribute("data-number")  # as in Python
+    last = page.evaluate(f"tree.nodes.find(node => node.number === {number})")
+    assert page.text_content("#node td").startswith(
+        f"{last['number']}, from node {last['parent']}, level {last['level']}"
+    )
 
 
 def test_brightest_further_sample_is_shown_like_a_sample(page):

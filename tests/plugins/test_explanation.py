@@ -204,11 +204,16 @@ def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene, tmp_path):
     path = write_scene(
         "LIGHTS AREA position 0 5 5 intensity 65535 65535 65535 radius 1\n"
         "VIEW RESOLUTION 8 8 WINDOW -1 -1 1 1 EYE 0 0 9\n"
-        "CSG-TREE\n\n SPHERE 0\nSURFACE 0 kd .5 .5 .5\nTRANSFORM 0\nEND\n"
+        "SOLID duo + SPHERE 3 SPHERE 1\nCSG-TREE +\n SPHERE 0 duo 2\nSURFACE 0 kd .5 .5 .5\nSURFACE 2 kd 0 .5 .5\n"
+        "TRANSFORM 0\nTRANSFORM 3\nTRANSFORM 1 TRANSLATE (.5 0 0)\nTRANSFORM 2 TRANSLATE (0 9 0)\nEND\n"
     )
     (node, *_) = mitsuba_prosim.explain(path, (4, 4), spp=4).nodes
     assert (node.shape, node.line) == ("SPHERE 0 (line 5)", "s.scn, line 6 (SURFACE 0 of SPHERE 0)")
     assert node.lamps[0].lamp == "AREA (line 1)"
+    # The primitives of a solid have the name and the line of its use.
+    file = SceneFile(path, tmp_path)
+    file.load()
+    assert ("duo 2 (line 5)", "s.scn, line 7 (SURFACE 2 of duo 2)") in places(file).values()
     square = '<shape type="rectangle"><ref id="white"/><transform name="to_world"><translate {}/></transform></shape>\n'
     parts = ['<bsdf type="diffuse" id="white"/>\n', square.format('x="1"'), square.format('x="2"')]
     text = f'<scene version="3.0.0">\n{"".join(parts)}<shape type="sphere" id="ball"/></scene>'
@@ -216,6 +221,13 @@ def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene, tmp_path):
     words = {key: name for key, (name, _) in places(file).items()}
     names = {name[:4]: name for name in recorder.shape_names(file.load(), words).values()}
     assert names["ball"] == "ball (line 5)" and names["Mesh"].endswith(" of white (line 2)")
+
+
+def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
+    mi.load_dict({"type": "cube"}).write_ply(str(tmp_path / "box.ply"))
+    mesh = {"type": "ply", "filename": str(tmp_path / "box.ply")}
+    assert recorder.name_of(mi.load_dict(mesh), 7, {}) == "PLYMesh box.ply"
+    assert recorder.name_of(mi.load_dict({"type": "sphere"}), 7, {}) == "Sphere 7"
 
 
 @pytest.mark.parametrize(
@@ -337,11 +349,24 @@ def test_equal_samples_have_no_noise(variant_rgb, background):
 
 
 def test_outliers_name_lamp_and_surface(variant_rgb):
-    """Two lamps and ambient light; the noise is that of the shadow of one lamp."""
+    """Two lamps and ambient light; the noise is that of the shadow of one lamp. A sky cannot be smaller."""
     made = penumbra(None, 512, type="prosim", ambient=5.0)
     made["far"] = {"type": "point", "position": [0, 9, 9], "intensity": 9.0}
     _, said = shares_at(made, ALONE["lamp"][1])
-    assert "the light of light that wall scatters" in said and "smaller lamps" in said
+    assert "the light of light by way of wall" in said and "smaller lamps" in said
+    made["light"] = {"type": "envmap", "bitmap": mi.Bitmap(np.eye(4, 8, dtype=np.float32)[..., None].repeat(3, axis=2))}
+    _, said = shares_at(made, ALONE["lamp"][1])
+    assert "the light of light by way of wall" in said and "What would help: more samples." in said
+
+
+def test_noise_of_rays_that_meet_lamps_through_holes_asks_for_photons(variant_rgb):
+    """The holes hide the lamp from its own samples; the light does not come from the sheet with the holes."""
+    made = without(penumbra(None, 16, type="prosim", diffuse_bounces=-1, max_level=2), "ball", "pole", "light")
+    made["sheet"] = rectangle(T().translate([0, 3, 0]).rotate([1, 0, 0], 90).scale(6), bsdf=HOLES)
+    made["panel"] = rectangle(T().translate([0, 4, 0]).rotate([1, 0, 0], 90).scale(0.3), **area(9.0))
+    told = mitsuba_prosim.explain(mi.load_dict(made), (8, 14), spp=64)
+    assert "the light of panel by way of sheet" in told.light[0]
+    assert told.noise[-1] == "What would help: more samples, and photons (caustics)."
 
 
 def test_noise_names_samples_that_are_brighter_than_those_explained(variant_rgb):
@@ -359,23 +384,13 @@ def test_noise_names_samples_that_are_brighter_than_those_explained(variant_rgb)
 
 
 def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
-    """And at which level: the rays that the wall reflects end in the dark under the ceiling."""
     told = mitsuba_prosim.explain(mi.load_dict(penumbra(None, 512, type="prosim")), ALONE["lamp"][1], spp=16)
     first, second = told.light
-    assert first == "Where the light comes from: the light of light that wall scatters (100%)."
-    assert second.startswith("Seen from wall at level 0, of 16 points of light: ") and second.endswith(
+    assert first == "Where the light comes from: the light of light by way of wall (100%)."
+    assert second.startswith("Seen from wall at level 0: of 16 points of light, ") and second.endswith(
         " hidden by ball."
     )
     assert 0 < int(second.split()[-4]) < 16
-    made = without(penumbra(None, 16, type="prosim", diffuse_bounces=1, max_level=1), "ball", "pole")
-    made["lid"] = rectangle(T().translate([-3, 3, 3]).rotate([1, 0, 0], 45).scale(2), bsdf=diffuse(0, 0, 0))
-    samples = Samples(mi.load_dict(made), (8, 14), 16)
-    levels = [[0, 0], [0, 0]]
-    for one in (node for k in range(16) for node in samples.recorder.nodes(k)):
-        levels[one.level][0] += [lamp.state for lamp in one.lamps].count("visible")
-        levels[one.level][1] += len(one.lamps)
-    seen = ", ".join(f"{visible} of {total} (level {k})" for k, (visible, total) in enumerate(levels))
-    assert samples.explanation().light[-1] == f"Visible points of lamps: {seen}." and levels[1][1] > 2
 
 
 def bulb(**more):
@@ -400,6 +415,7 @@ DARK = {
     "black": (bulb, diffuse(0, 0, 0), "not scattered", None),
     "off": (lambda: bulb(intensity=0.0), GREY, "not lit", None),
     "hidden": (bulb, GREY, "hidden", "plate"),
+    "glass": (bulb, GREY, "hidden", "plate"),
     "visible": (bulb, GREY, "visible", None),
     "through": (lambda: bulb(position=[0, -1, 0]), GLASS | {"alpha": 0.6}, "visible", None),
 }
@@ -408,7 +424,10 @@ DARK = {
 @pytest.mark.parametrize("name", DARK)
 def test_points_of_lamps_that_add_no_light_say_why(variant_rgb, name):
     lamp, bsdf, state, occluder = DARK[name]
-    plate = rectangle(T().translate([0, 2, 0]).rotate([1, 0, 0], -90).scale(3), bsdf=diffuse(0.3, 0.4, 0.5))
+    plate = rectangle(
+        T().translate([0, 2, 0]).rotate([1, 0, 0], -90).scale(3),
+        bsdf=GLASS if name == "glass" else diffuse(0.3, 0.4, 0.5),
+    )
     made = without(penumbra(None, SIZE, type="prosim", max_level=0), "wall", "pole", "ball", "light")
     made |= {"floor": made["floor"] | {"bsdf": bsdf}, "lamp": lamp()} | (
         {"plate": plate} if occluder == "plate" else {}
@@ -417,8 +436,9 @@ def test_points_of_lamps_that_add_no_light_say_why(variant_rgb, name):
     told = mitsuba_prosim.explain(mi.load_dict(made), (8, 8), spp=4)
     assert [(one.state, one.occluder) for one in told.nodes[0].lamps] == [(state, occluder)]
     words = f"hidden by {occluder}" if state == "hidden" else state
-    said = f"Seen from floor at level 0, of 4 points of lamp: 4 {words}."
-    assert told.light[1:] == (() if state == "visible" else (said,))
+    said = f"Seen from floor at level 0: of 4 points of lamp, 4 {words}."
+    missing = "Light of lamps through plate is missing, because a ray tree finds it only with caustics."
+    assert told.light[1:] == (said,) * (state != "visible") + (missing,) * (name == "glass")
 
 
 class Asked:
@@ -474,7 +494,7 @@ def test_lobe_and_texture_of_a_surface_are_those_where_the_ray_ends(variant_rgb,
     node = found.recorder.nodes(sample)[0]
     vectors, (text,) = explanation_page.surfaces(found.estimator, {0: [node]})[0][0]
     share = "100% brick, 0% mortar – 0.5 0.25 0.125" if part == "brick" else "0% brick, 100% mortar – 0.75 0.5 0.25"
-    assert text == f"Brick: {share}"
+    assert text == f"reflectance Brick: {share}"
     vectors = np.reshape(vectors, (-1, 3))
     lengths = np.linalg.norm(vectors, axis=1)
     cosines = vectors @ node.normal / lengths

@@ -43,17 +43,17 @@ def scene(integrator=PATH, target=(0, 0.5, 0), origin=(0, 3, 7), **things):
 def faults():
     """Scenes with a fault, and what the verdict must say."""
     return [
-        (scene(vase=ball(GLASS), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(MIRROR), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(FROSTED), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(COPPER), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(PLASTIC), **bulb()), "light of bulb that vase"),
-        (scene(PATHS, vase=ball(GLASS), **bulb()), "light of bulb that vase"),
-        (scene(PATHS, vase=ball(COPPER), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(GLASS), **bulb(), **panel(90)), "light of bulb that vase"),
-        (scene(vase=ball(GLASS), **bulb(), **SKY), "light of bulb that vase"),
-        (scene(vase=ball(GLASS, (1.2, 1, 0)), **bulb()), "light of bulb that vase"),
-        (scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1)), "light of bulb that vase"),
+        (scene(vase=ball(GLASS), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(MIRROR), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(FROSTED), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(COPPER), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(PLASTIC), **bulb()), "light of bulb by way of vase"),
+        (scene(PATHS, vase=ball(GLASS), **bulb()), "light of bulb by way of vase"),
+        (scene(PATHS, vase=ball(COPPER), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(GLASS), **bulb(), **panel(90)), "light of bulb by way of vase"),
+        (scene(vase=ball(GLASS), **bulb(), **SKY), "light of bulb by way of vase"),
+        (scene(vase=ball(GLASS, (1.2, 1, 0)), **bulb()), "light of bulb by way of vase"),
+        (scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1)), "light of bulb by way of vase"),
         (scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)), "lamp smaller than a pixel"),
         (scene(PATHS, vase=ball(COPPER), **bulb(radius=0.01, radiance=5e4)), "lamp smaller than a pixel"),
         (scene(), "the scene has no lights"),
@@ -75,7 +75,7 @@ def test_verdict_names_the_cause_of_a_planted_fault():
         (says, mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict) for made, says in faults()
     ]
     assert not [verdict for _, verdict in verdicts if "chalk" in verdict or "panel" in verdict or "sky" in verdict]
-    assert not [verdict for says, verdict in verdicts if "that floor" in verdict]
+    assert not [verdict for says, verdict in verdicts if "way of floor" in verdict]
     missed = [(says, verdict) for says, verdict in verdicts if says not in verdict]
     assert len(missed) <= 4, missed
 
@@ -86,7 +86,7 @@ def test_crop_window_of_a_grey_film_has_a_cause(variant_rgb, pixel_format):
     crop = dict(zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), (4, 5, 24, 22)))
     made["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
     told = mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict
-    assert "half of the error: the light of bulb that vase" in told
+    assert "half of the error: the light of bulb by way of vase" in told
 
 
 def test_good_image_has_no_cause(variant_rgb):

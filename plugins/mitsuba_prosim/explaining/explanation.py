@@ -347,11 +347,11 @@ def places(file: SceneFile) -> Places:
         found = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in nodes}
         lines = {key: (line[2], f"{Path(line[1]).name}, line {line[2]} ({key})") for key, line in found.items() if line}
         return {key: (f"{key} (line {number})", place) for key, (number, place) in lines.items()}
-    numbers = {f"{leaf.shape.upper()} {leaf.index}": number for number, (_, leaf) in enumerate(document.scene.leaves)}
+    numbers = {document.name_of(node): number for number, (node, _) in enumerate(document.scene.leaves)}
     named = {}
     for what, line, key in COMMENT.findall(file.xml.read_text(encoding="utf-8")):
         of = what.partition(" of ")[2].partition(" towards ")[0]
-        leaves = [numbers[leaf] for leaf in re.findall(r"[A-Z]+ \d+", of)]
+        leaves = [numbers[name] for name in of.split(", ") if name in numbers]
         name = document.names_of(leaves) + ", ..." * of.endswith("...") if leaves else f"{what} (line {line})"
         named[key] = (name, f"{file.path.name}, line {line} ({what})")
     return named

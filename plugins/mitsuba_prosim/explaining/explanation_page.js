@@ -39,8 +39,6 @@ function html(name, text) {
 
 /** The shown tree. */
 let tree = data.trees[0];
-/** The number of a node on the page: the order in which the rays were followed, from 1. */
-const place = node => tree.nodes.indexOf(node) + 1;
 const parentOf = node => tree.nodes.find(one => one.number === node.parent);
 /** Whether the light of a lamp's point would be scattered if nothing were in the way. */
 const counts = lamp => lamp.state === "visible" || lamp.state === "hidden";
@@ -50,6 +48,8 @@ const valueOf = one => isFurther(one.sample) ? total(one.nodes) : data.values[on
 const total = nodes => nodes.map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k]));
 /** The directions of the lobes where a ray ends, and texts on the textures there. */
 const surface = node => tree.surfaces[tree.nodes.indexOf(node)] || [[], []];
+/** The squared error of each sample. */
+const light = data.values.map(sum), mean = sum(light) / light.length, errors = light.map(x => (x - mean) ** 2);
 const nameOf = sample => isFurther(sample) ? "the brightest further sample" : `sample ${sample}`;
 
 // ---------------------------------------------------------------- the image
@@ -122,13 +122,15 @@ function showTree() {
     for (const node of nodes) {
         const { x, depth } = places.get(node.number);
         const circle = svg("circle", { cx: X(x), cy: Y(depth), r: 16, fill: css(node.emission ? "--lamp" : "--raised"), stroke: css("--ink") });
-        circle.dataset.number = place(node);
-        const label = `Node ${place(node)}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
+        circle.dataset.number = node.number;
+        const label = `Node ${node.number}: ${node.lobe}, ${node.shape || "nothing met"}, adds ${number(sum(node.contribution))}`;
         drawing.append(choosable(circle, label, () => showNode(node)));
-        drawing.append(svg("text", { x: X(x), y: Y(depth) + 4, "text-anchor": "middle" }, String(place(node))));
+        const long = node.number > 9999 ? { textLength: 28, lengthAdjust: "spacingAndGlyphs" } : {};
+        drawing.append(svg("text", { x: X(x), y: Y(depth) + 4, "text-anchor": "middle", ...long }, String(node.number)));
     }
     find("tree").replaceChildren(drawing);
-    find("sample").textContent = `${nameOf(tree.sample)}: ${list(valueOf(tree))}`;
+    const share = isFurther(tree.sample) || !sum(errors) ? "" : `, ${number(100 * errors[tree.sample] / sum(errors))} % of the squared error`;
+    find("sample").textContent = `${nameOf(tree.sample)}: ${list(valueOf(tree))}${share}`;
 }
 
 /** Whether a node is `top` or in one of its branches. */
@@ -137,12 +139,12 @@ const isWithin = (node, top) => node && (node === top || isWithin(parentOf(node)
 /** Shows the numbers of a node as a table, and marks it in the tree. */
 function showNode(node) {
     for (const circle of find("tree").querySelectorAll("[data-number]")) {
-        const own = Number(circle.dataset.number) === place(node);
+        const own = Number(circle.dataset.number) === node.number;
         circle.setAttribute("stroke-width", own ? 4 : 1.5);
         circle.setAttribute("aria-pressed", own);
     }
     const rows = [
-        ["node", `${place(node)}, from ${node.parent ? "node " + place(parentOf(node)) : "the camera"}, level ${node.level}`],
+        ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
         ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
         ...surface(node)[1].map(text => ["texture", text]),
         ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)} / sr`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
@@ -259,8 +261,8 @@ function listen() {
 // ---------------------------------------------------------------- the samples
 
 function showBars() {
-    const light = data.values.map(sum), order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
-    const n = order.length, mean = sum(light) / n, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
+    const order = light.map((_, i) => i).sort((a, b) => light[b] - light[a]);
+    const n = order.length, most = Math.max(...light, 1e-30), stored = new Map(data.trees.map(one => [one.sample, one]));
     const wide = find("bars").clientWidth || 640;
     const drawing = svg("svg", { viewBox: `0 -10 ${wide} 180`, width: "100%", role: "img", "aria-label": "Samples, the brightest first" });
     order.forEach((i, rank) => {
@@ -279,9 +281,9 @@ function showBars() {
         button.addEventListener("click", () => choose(one));
         return button;
     }));
-    const errors = light.map(x => (x - mean) ** 2).sort((a, b) => b - a), all = sum(errors);
+    const greatest = errors.toSorted((a, b) => b - a), all = sum(errors);
     let count = 0;
-    for (let part = 0; part < 0.9 * all; count++) part += errors[count];
+    for (let part = 0; part < 0.9 * all; count++) part += greatest[count];
     find("error").textContent = Object.keys(data.shares).length ? `${count} of ${n} samples make 90 % of the squared error.` : "";
 }
 

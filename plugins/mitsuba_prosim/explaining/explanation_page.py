@@ -163,14 +163,16 @@ def texture_texts(si: mi.SurfaceInteraction3f) -> list[list[str]]:
     texts: list[list[str]] = [[] for _ in numbers[::DIRECTIONS]]
     for number in np.unique(numbers[numbers > 0]):
         points = np.flatnonzero(numbers == number)[::DIRECTIONS]
-        for texture in mi.traverse(pointers[int(points[0])]).hierarchy:
+        parts = mi.traverse(pointers[int(points[0])])
+        paths = {node: key.rpartition(".")[0] for key, (_, _, node, *_) in parts.properties.items()}
+        for texture in parts.hierarchy:
             if not isinstance(texture, mi.Texture) or not texture.is_spatially_varying():
                 continue
             mixes, kind = hasattr(texture, "TOP"), type(texture).__name__
             shares = np.array(texture.value(si)) if mixes else numbers
             colours = np.array(dr.zeros(mi.Spectrum, len(numbers)) + texture.eval(si)).T
             for i in points:
-                parts = f"{shares[i]:.0%} {texture.TOP[0]}, {1 - shares[i]:.0%} {texture.BASE[0]}" if mixes else "value"
-                name = kind if mixes else texture.class_name().partition("Impl")[0]
-                texts[i // DIRECTIONS].append(f"{name}: {parts} – {' '.join(f'{v:.3g}' for v in colours[i])}")
+                mix = f"{shares[i]:.0%} {texture.TOP[0]}, {1 - shares[i]:.0%} {texture.BASE[0]}" if mixes else "value"
+                name = f"{paths.get(texture, '')} {kind if mixes else texture.class_name().partition('Impl')[0]}"
+                texts[i // DIRECTIONS].append(f"{name}: {mix} – {' '.join(f'{v:.3g}' for v in colours[i])}".lstrip())
     return texts

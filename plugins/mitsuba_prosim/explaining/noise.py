@@ -29,10 +29,10 @@ DIMENSIONS = {
     "pixel": ("the place in the pixel", "more samples"),
     "lens": ("the point on the lens", "more samples, or a smaller lens"),
     "time": ("the time", "more samples, or a shorter exposure"),
-    "lobe": ("the directions of rays from surfaces", "more samples, and photons (caustics) if the rays look for lamps"),
+    "lobe": ("the directions of rays from surfaces", "more samples"),
     "choice": ("the choices of lobes", "more samples"),
     "roulette": ("Russian roulette", "more samples, or less Russian roulette (rr_depth, in trees rr_throughput)"),
-    "lamp": ("the choice of a lamp and of a point on it", "more samples, or smaller lamps"),
+    "lamp": ("the choice of a lamp and of a point on it", "more samples"),
     "photons": ("the paths of the photons", f"many more photons (caustic_photons), or more than {MAPS} samples"),
 }
 PHOTONS = list(DIMENSIONS).index("photons")
@@ -42,12 +42,18 @@ FURTHER, OWN = len(DIMENSIONS), len(DIMENSIONS) + 1
 BRIGHTER = 1.5
 #: Maximum numbers of sentences on lamps that add no light, and of reasons in a sentence.
 MOST_DARK, MOST_CAUSES = 4, 3
+#: Points that add no light are named if they are more than this many for each sample.
+FEW = 0.05
+
+#: What else would help against the noise of a dimension if the worst light comes from a lamp with a shape: its event, a
+#: dimension -> that.
+REMEDIES = {("emission", "lobe"): ", and photons (caustics)", ("lamp", "lamp"): ", or smaller lamps"}
 
 #: Light that the recorder knows -> its name.
 LIGHTS = {
     "photons": "the light of photons on {shape}",
     "ambient": "the ambient term of {shape}",
-    "lamp": "the light of {lamp} that {shape} scatters",
+    "lamp": "the light of {lamp} by way of {shape}",
     "background": "the background {way}",
     "emission": "the light of {lamp} {way}",
 }
@@ -114,7 +120,7 @@ def sentences(
     order = sorted(found, key=found.__getitem__, reverse=True)
     carried = [f"{DIMENSIONS[name][0]} ({found[name]:.0%})" for name in order if found[name] >= 0.05]
     times = f"{brighter:.2g} times as bright as" if brighter < 1000 else "much brighter than"
-    which, light = f"the {count} samples" if count > 1 else "the sample", noisiest_light(recorder, weights)
+    which, (light, remedy) = f"the {count} samples" if count > 1 else "the sample", worst(found, recorder, weights)
     # The shares come from other samples than those that the page shows, which may lack rare bright ones.
     by = f"What carries the variance, by {PAIRS:,} pairs of further samples"
     said = {
@@ -123,54 +129,62 @@ def sentences(
         "No single kind of random numbers carries half of it.": found[order[0]] < 0.5,
         f"The brightest further sample is {times} any sample here; more samples would show such.": brighter > BRIGHTER,
         f"In {which} farthest from the mean, {light} differs most from that in a middle sample.": True,
-        f"What would help: {remedy(found)}.": True,
+        f"What would help: {remedy}.": True,
     }
     return tuple(sentence for sentence, holds in said.items() if holds)
 
 
-def remedy(found: dict[str, float]) -> str:
-    """Returns what would reduce the noise, by its :func:`shares`."""
-    worst = max(found, key=found.__getitem__, default="")
-    return DIMENSIONS[worst][1] if worst and found[worst] >= 0.05 else "more samples"
+def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> tuple[str, str]:
+    """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`), and what
+    would reduce the noise, whose :func:`shares` are ``found``.
+    """
+    amounts, transport = lights(recorder, weights), recorder.transport
+    event, lamp, name = max(amounts, key=lambda light: abs(amounts[light]))
+    dimension = max(found, key=found.__getitem__, default="")
+    if not found.get(dimension, 0) >= 0.05:
+        return name, "more samples"
+    more = REMEDIES.get((event, dimension), "")
+    if more and (transport.lights.emitters[lamp].is_environment() or (event == "emission" and transport.caustics)):
+        more = ""
+    return name, DIMENSIONS[dimension][1] + more
 
 
-def noisiest_light(recorder: Recorder, weights: np.ndarray) -> str:
-    """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`)."""
-    return max(amounts := lights(recorder, weights), key=lambda name: abs(amounts[name]))
-
-
-def lights(recorder: Recorder, weights: np.ndarray) -> dict[str, float]:
-    """Returns the contributions of each light, with the surface that scatters it, times the weights of the samples."""
-    amounts = defaultdict[str, float](float)
+def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, int, str], float]:
+    """Returns the contributions of each light times the weights of the samples: the event, the number of the lamp or 0,
+    and the name, with the surface from which the light comes -> contribution.
+    """
+    amounts = defaultdict[tuple[str, int, str], float](float)
     for event, name in LIGHTS.items():
         keys = ("shape", "lamp") if event in ("lamp", "emission") else ("shape",)
         for (number, *lamp), amount in recorder.sums(event, keys, weights).items():
             shape = recorder.shape(number)
-            way = f"that {shape} scatters" if number else "that the camera sees"
-            lamp_name = recorder.lamps[min(lamp[0], len(recorder.lamps) - 1)] if lamp else ""
-            amounts[name.format(shape=shape, lamp=lamp_name, way=way)] += amount
+            way = f"by way of {shape}" if number else "that the camera sees"
+            k = min(lamp[0], len(recorder.lamps) - 1) if lamp else 0
+            amounts[event, k, name.format(shape=shape, lamp=recorder.lamps[k] if lamp else "", way=way)] += amount
     return amounts
 
 
 def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
     """Returns sentences on the light of all ``count`` samples: where it comes from, and what hides lamps."""
-    amounts = lights(recorder, np.ones(count))
+    amounts = Counter[str]()
+    for (*_, name), amount in lights(recorder, np.ones(count)).items():
+        amounts[name] += amount  # type: ignore[assignment]
     total = sum(amounts.values())
-    brightest = sorted(amounts, key=lambda light: -amounts[light])[:3]
-    most = [f"{light} ({amounts[light] / total:.0%})" for light in brightest if amounts[light] > 0.01 * total]
+    most = [f"{light} ({amount / total:.0%})" for light, amount in amounts.most_common(3) if amount > 0.01 * total]
     said = f"Where the light comes from: {'; '.join(most)}." if total > 0 else "No light comes from here."
-    return (said, *hidden_points(recorder))
+    return (said, *hidden_points(recorder, count))
 
 
-def hidden_points(recorder: Recorder) -> Iterator[str]:
-    """Yields sentences on the points of lamps that add no light, and on the level of the rays that end there."""
-    levels, groups = defaultdict[int, Counter[str]](Counter), defaultdict[tuple[int, ...], Counter[str]](Counter)
+def hidden_points(recorder: Recorder, count: int) -> Iterator[str]:
+    """Yields sentences on the points of lamps that add no light to ``count`` samples, of which there are many."""
+    groups, occluders = defaultdict[tuple[int, ...], Counter[str]](Counter), set[str]()
     for (*place, state, by), number in recorder.sums("lamp", ("level", "shape", "lamp", "state", "occluder")).items():
-        words, (level, shape, lamp) = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state], place
+        words, (_, shape, lamp) = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state], place
         if recorder.shape(shape) != recorder.lamps[lamp]:  # a convex lamp adds no light to itself
-            groups[level, shape, lamp][words] += number
-            levels[level][words] += number
+            groups[tuple(place)][words] += number
+            occluders |= {recorder.shape(by)} if state == HIDDEN else set()
     darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
+    seen = defaultdict[tuple[int, int], list[str]](list)
     for level, shape, lamp in sorted(darkest[:MOST_DARK]):
         counts = groups[level, shape, lamp]
         points = f"of {counts.total()} point{'s' * (counts.total() > 1)} of {recorder.lamps[lamp]}"
@@ -178,8 +192,9 @@ def hidden_points(recorder: Recorder) -> Iterator[str]:
         parts = [f"{number} {words}" for words, number in counts.most_common(MOST_CAUSES)]
         if rest := counts.total() - sum(number for _, number in counts.most_common(MOST_CAUSES)):
             parts.append(f"{rest} for other reasons")
-        if parts:
-            yield f"Seen from {recorder.shape(shape)} at level {level}, {points}: {', '.join(parts)}."
-    if len(levels) > 1:
-        seen = (f"{counts[STATES[VISIBLE]]} of {counts.total()} (level {k})" for k, counts in sorted(levels.items()))
-        yield f"Visible points of lamps: {', '.join(seen)}."
+        if counts.total() > FEW * count:
+            seen[level, shape].append(f"{points}, {', '.join(parts)}")
+    for (level, shape), lamps in seen.items():
+        yield f"Seen from {recorder.shape(shape)} at level {level}: {'; '.join(lamps)}."
+    if clear := sorted(occluders & recorder.clear):
+        yield f"Light of lamps through {', '.join(clear)} is missing, because a ray tree finds it only with caustics."

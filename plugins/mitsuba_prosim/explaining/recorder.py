@@ -11,6 +11,7 @@ wavelength of the variant. Densities are per solid angle.
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -42,6 +43,8 @@ STATES = "visible", "hidden", "below the surface", "on its back", "not lit", "ou
 VISIBLE, HIDDEN, BELOW, BACK, UNLIT, OUTSIDE, UNSCATTERED = range(len(STATES))
 #: The states of points whose light would be scattered if nothing were in the way.
 LIT = STATES[: HIDDEN + 1]
+#: The lobes of materials that let light through on straight or bent ways.
+CLEAR = "DeltaTransmission", "GlossyTransmission", "Null"
 #: Number of rows for which a table first has room.
 CAPACITY = 1 << 15
 #: A lamp whose direction has a smaller product of cosines counts as below the surface.
@@ -171,6 +174,13 @@ class Recorder:
         self.shapes = shape_names(transport.scene, words)
         lamps = transport.lights.emitters
         self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(lamps)]
+        #: Names of the shapes that let light through, if only caustics would find it, but are off.
+        missed = all_shapes(transport.scene) if transport.settings.follows_tree and not transport.caustics else ()
+        self.clear = {
+            self.shapes[shape_number(mi.ShapePtr(shape))]
+            for shape in missed
+            if shape.bsdf() and lobes.has_any(int(shape.bsdf().flags()), *CLEAR)
+        }
         #: Number of a lamp -> the state of points that the lamp does not light.
         self.unlit = mi.UInt32([OUTSIDE if "angle = " in str(lamp) else UNLIT for lamp in lamps])
 
@@ -371,13 +381,16 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
 
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
-    """Returns the name of a shape or emitter: from ``words``, its id, or, as for meshes that Mitsuba has merged, its
-    class and ``number``, with its material from ``words``.
+    """Returns the name of a shape or emitter: from ``words``, its id, or its class with its file or its ``number``, and
+    its material from ``words``. Meshes that Mitsuba has merged have several files.
     """
     key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
     if key and not key.startswith("__"):
         return words.get(key, key)
-    return f"{thing.class_name()} {number}" + (f" of {material}" if material else "")
+    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", str(thing)) or [str(number)]
+    files = read.split(" + ")
+    own = f"{thing.class_name()} {', '.join(files[:3])}" + ", ..." * (len(files) > 3)
+    return own + (f" of {material}" if material else "")
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:

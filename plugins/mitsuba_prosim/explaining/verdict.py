@@ -117,8 +117,8 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
     variance = samples * error[y, x] ** 2  # of a sample of the image, or of one bright sample among the others
     if deviations.mean() < variance / 8 and deviations.max() < samples * variance / 16:
         return told
-    worst = noise.noisiest_light(found.recorder, found.deviations()[0])
-    return f"{told}: {worst}; what would help: {noise.remedy(found.shares)}"
+    cause, remedy = noise.worst(found.shares, found.recorder, found.deviations()[0])
+    return f"{told}: {cause}; what would help: {remedy}"
 
 
 def nested_name(render: Render) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ..model import Leaf, Operator, Scene
 from .diagnostics import SceneError, SceneWarning, Source, Span
@@ -56,10 +57,21 @@ class Document:
         self.warning(reason, *path).emit()
 
     def names_of(self, leaves: Sequence[int]) -> str:
-        """Returns the names and lines of these leaves of the CSG tree; of more than ten, the first ten."""
-        places = [self.scene.leaves[i] for i in leaves[:10]]
-        names = [f"{leaf.shape.upper()} {leaf.index} (line {self.line('csg', number)})" for number, leaf in places]
-        return ", ".join(names) + (f" and {len(leaves) - 10} more" if len(leaves) > 10 else "")
+        """Returns the names and lines of these leaves of the CSG tree; of more than ten names, the first ten."""
+        numbers = [self.scene.leaves[i][0] for i in leaves]
+        names = [*dict.fromkeys(f"{self.name_of(number)} (line {self.line('csg', number)})" for number in numbers)]
+        return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
+
+    def name_of(self, number: int) -> str:
+        """Returns the name of node ``number`` of the CSG tree, a leaf: if it is in a named solid, that of the solid."""
+        leaf: Any = self.scene.csg[number]
+        words = self.text_of("csg", number).split()
+        return f"{leaf.shape.upper()} {leaf.index}" if str(leaf.index) in words else " ".join(words)
+
+    def surface_name(self, index: int) -> str:
+        """Returns the name of a SURFACE in the text, where primitives of named solids have that of their solid."""
+        spans = {i: self.spans.get(("surfaces", i)) for i in self.scene.surfaces}
+        return f"SURFACE {min(i for i, span in spans.items() if span == spans[index])}"
 
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest - or * above a node, or "": users often write an operator

@@ -119,11 +119,12 @@ def _shapes(
     surface_of_medium: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
     result: Node = {}
     for key, mesh in sorted(triangles.items(), key=lambda item: groups[item[0].material][0]):
-        leaves = [scene.leaves[i] for i in groups[key.material][:4]]
-        number, leaf = leaves[0]
+        numbers = [scene.leaves[i][0] for i in groups[key.material]]
+        number, leaf = scene.leaves[groups[key.material][0]]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
-        leaf_names = ", ".join(f"{x.shape.upper()} {x.index}" for _, x in leaves[:3]) + ", ..." * (len(leaves) > 3)
+        names = [*dict.fromkeys(map(document.name_of, numbers))]
+        leaf_names = ", ".join(names[:3]) + ", ..." * (len(names) > 3)
         name = f"surface_{leaf.index}"
         while name in result:
             name += "_"
@@ -136,8 +137,8 @@ def _shapes(
             leaf.index if key.inside == medium_key(scene, leaf) else surface_of_medium[key.inside],
             None if key.outside is None else surface_of_medium[key.outside],
         )
-        towards = "" if sides.outside is None else f" towards SURFACE {sides.outside}"
-        text = f"SURFACE {leaf.index} of {leaf_names}{towards}"
+        towards = "" if sides.outside is None else f" towards {document.surface_name(sides.outside)}"
+        text = f"{document.surface_name(leaf.index)} of {leaf_names}{towards}"
         result[name + "_comment"] = _comment_with_line(document, text, *path)
         optics = check_single_precision(document, target.surface(context, number, leaf, sides), *path)
         result[name] = {"type": "ply", "filename": store(name, ply), **optics}

@@ -41,6 +41,6 @@ def alone() -> Iterator[None]:
 
 @contextmanager
 def alone_if_traced() -> Iterator[None]:
-    """:func:`alone`, but nothing in scalar variants, where Mitsuba's threads need the lock, and would wait."""
+    """Does what :func:`alone` does, except in scalar variants, where Mitsuba's own threads need the lock."""
     with alone() if dr.is_jit_v(mi.Float) else nullcontext():
         yield

@@ -16,7 +16,7 @@ def uniform(n: int, dimensions: int, seed: int = 1) -> np.ndarray:
 
 
 def directions(n: int, seed: int) -> np.ndarray:
-    """Returns unit vectors, shape (3, n): uniform on the sphere, and one of eight near the horizon."""
+    """Returns unit vectors, shape (3, n): uniform on the sphere; every eighth is near the horizon."""
     u, v = uniform(n, 2, seed + 1000)
     z = 2 * u - 1
     z[::8] *= 0.02
@@ -34,7 +34,7 @@ def rows(value: Any, n: int | None = None) -> np.ndarray:
 
 
 def described(where: Mapping[str, Any], i: int = 0) -> str:
-    """Describes column i of each of some named arrays: the angles of unit vectors, or the numbers, if there are any."""
+    """Describes column i of each named array in words: the angles of a unit vector, else the numbers."""
     texts = []
     for name, value in where.items():
         v = rows(value)[:, i] if np.size(value) else np.zeros(0)

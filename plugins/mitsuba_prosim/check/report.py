@@ -41,7 +41,7 @@ class Result:
     variant: str = field(default_factory=lambda: mi.variant() or "")
 
     def line(self, times: int) -> str:
-        """Returns the result as a row of the table, which stands for that many results of the test."""
+        """Returns the result as a row of the table, which stands for ``times`` results of the test."""
         p = "" if self.p_value is None else f"p = {self.p_value:.2g}"
         measured = ", ".join(filter(None, [self.statistic, p]))
         where = f"; {self.where} ({self.variant})" if self.where and self.verdict != OK else ""

@@ -53,9 +53,9 @@ def chi_squared(
 ) -> dict[str, Any]:
     """Tests the claim that samples have a density.
 
-    ``sample`` maps three uniform numbers to a direction, or two to a point of the unit square, or one to a number from
-    ``start`` to ``end``; or it returns this and whether it is valid. ``pdf`` is the density. If its integral over the
-    cells changes with finer steps, the lobe is too narrow for the cells, and is not tested.
+    ``sample`` maps ``dimensions`` uniform numbers to a result: three to a direction, two to a point of the unit square,
+    one to a number from ``start`` to ``end``. It may also return a mask of valid results. ``pdf`` is the density. If
+    the integral of ``pdf`` over the cells changes with finer steps, the lobe is too narrow for the cells.
     """
     from mitsuba.chi2 import ChiSquareTest, LineDomain, PlanarDomain, SphericalDomain
 

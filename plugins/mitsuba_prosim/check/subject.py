@@ -67,7 +67,7 @@ class Subject:
 
     @contextmanager
     def other_variant(self, variant: str) -> Iterator[None]:
-        """Has another variant active in a ``with`` statement."""
+        """Activates another variant during a ``with`` statement."""
         before = mi.variant() or ""
         try:
             self.set_variant(variant)

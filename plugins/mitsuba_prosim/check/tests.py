@@ -108,7 +108,7 @@ class Tests:
         return {} if loaded is None else self.evaluated(self.prepared(loaded))
 
     def compare(self, test: str, values: Values, expected: Values, how: str) -> None:
-        """Adds whether two results of :meth:`evaluated` agree; loosely for colours of variants that have other ones."""
+        """Adds whether two results of :meth:`evaluated` agree; loosely for colours of mono and spectral variants."""
         grey = {name: np.ptp(v, axis=0).max() <= 0.01 * v.max() for name, v in expected.items()}
         exact = "mono" not in how and "spectral" not in how
         for name in expected.keys() & values.keys():

@@ -108,7 +108,7 @@ def _snapshots(text: str) -> tuple[str, ...]:
     if len({snapshot.endswith("s") for snapshot in snapshots}) > 1:
         raise ValueError("give errors or times, not both")
     if not all(float(snapshot.removesuffix("s")) > 0 for snapshot in snapshots):
-        raise ValueError("errors and times are positive")
+        raise ValueError("give errors and times above 0")
     return snapshots
 
 

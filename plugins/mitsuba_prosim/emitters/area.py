@@ -259,7 +259,7 @@ class Area(Source):
     def _require_rays(self) -> None:
         """Raises RuntimeError if the source is ``unattenuated``, or if nothing can sample its points."""
         if self.unattenuated:
-            raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source has no rays of definite power.")
+            raise RuntimeError(f"{self.id()} (prosim_area): with unattenuated, rays have no power; leave it out.")
         if self.get_shape() is not None and not self.sampler:
             raise RuntimeError(
                 f"{self.id()} (prosim_area): Mitsuba cannot sample the points of this shape or texture (curves, "

@@ -136,7 +136,7 @@ class Point(Source):
         wavelengths. Raises RuntimeError if the source is ``unattenuated``.
         """
         if self.unattenuated:
-            raise RuntimeError(f"{self.id()} (prosim_point): an unattenuated source has no rays of definite power.")
+            raise RuntimeError(f"{self.id()} (prosim_point): with unattenuated, rays have no power; leave it out.")
         d, total = self.sample_beam(sample3)
         wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), sample1, active)
         return mi.Ray3f(self.position, d, time, wavelengths), mi.depolarizer(weight * total)

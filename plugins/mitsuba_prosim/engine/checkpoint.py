@@ -157,16 +157,15 @@ class Checkpoint:
         """
         mine, theirs = self.attributes["samples"], json.loads(json.dumps(identity(state)))
         if name := next((name for name, value in theirs.items() if mine.get(name) != value), None):
-            raise ValueError(
-                f"these are the samples of another image ({name}: {mine.get(name)} there, {theirs[name]} here)"
-            )
+            here = f"{name}: {mine.get(name)} there, {theirs[name]} here"
+            raise ValueError(f"these are the samples of another image ({here}); use its scene and options")
         sampling = asdict(state.plan.sampling)
         changed = {name for name, value in sampling.items() if self.attributes["sampling"][name] != value}
         decided = changed.isdisjoint(DECIDING)
         if not decided and not state.policy.decides_again:
             raise ValueError(
-                "adaptive = neighbours decides once, by the first samples alone; continue with adaptive = graded if "
-                "threshold, max_samples or adaptive differ"
+                f"adaptive = {sampling['adaptive']} decides once, by the first samples alone; to change threshold, "
+                "max_samples or adaptive, continue with adaptive = graded"
             )
         # A render may continue with Sobol' points after N-rook patterns, but not with N-rook patterns after Sobol'
         # points. ``shared`` comes from the checkpoint, because its first samples may be those of a shared sequence.
@@ -192,9 +191,9 @@ class Checkpoint:
         needed = types(empty.arrays(slice(1)))
         found = {"wanted": uint32, **types(self.pixels)}
         if found != {**needed, "index": uint32, "wanted": uint32} or types(self.second) not in (needed, {}):
-            raise ValueError("these are the samples of another image (the arrays differ)")
+            raise ValueError("these are the samples of another image (the arrays differ); render again")
         if len(np.unique(self.pixels["index"])) < len(self.pixels["index"]):
-            raise ValueError("these are the samples of another image (a pixel is stored twice)")
+            raise ValueError("these are the samples of another image (a pixel is stored twice); render again")
 
     def write(self, path: Path) -> None:
         """Writes the archive to ``path``, and overwrites an older file. Raises OSError."""
@@ -269,11 +268,11 @@ def read(path: str | Path, arrays: bool = True) -> Checkpoint:
                 if not (is_integer(version, 1, 10**6) and (version != FORMAT or is_allowed(result))):
                     raise ValueError("a value in the file is not allowed")
         except MemoryError:
-            raise CheckpointError(f"{path} needs more memory than there is") from None
+            raise CheckpointError(f"{path} needs more memory than there is; use another machine") from None
         except Exception:  # noqa: BLE001  (for damaged data, zipfile, NumPy and json raise exceptions of many kinds)
             if seems_checkpoint:
                 raise CheckpointError(f"{path} is damaged or not complete; render again") from None
-            raise NotACheckpointError(f"{path} is no checkpoint; --checkpoint and --part write some") from None
+            raise NotACheckpointError(f"{path} is no checkpoint; give a file by --checkpoint or --part") from None
     if version != FORMAT:
         raise CheckpointError(
             f"{path} has format {version}, and this version reads format {FORMAT}; finish it with the version "

@@ -56,7 +56,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
         if has_target and not POLICIES[self.adaptive].unbounded:
             raise reject(
-                props, "adaptive", self.adaptive, "another, as noise and time ask for more than N² samples: graded, say"
+                props, "adaptive", self.adaptive, "graded, neighbours or none, because noise needs many samples"
             )
         self.jitter = choice(props, "jitter", JITTERS)
         self.channels = props.get("channels", "rgb").lower()
@@ -208,7 +208,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         if self._scalar is not None:  # Mitsuba's ``render`` below calls this object's ``render`` again: the second call
             return super().render(scene, sensor, seed, spp, *arguments)
         if self.sampling.has_target:
-            mi.Log(mi.LogLevel.Warn, f"{self.name}: noise and time end nothing in scalar variants; the samples do.")
+            mi.Log(mi.LogLevel.Warn, f"{self.name}: scalar variants ignore noise and time; use an llvm variant.")
         chosen = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         check_samples(chosen, spp)
         self._scalar = self.transport(scene, chosen)
@@ -254,8 +254,8 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
 
         if self.time and not spp:
             raise RuntimeError(
-                f"{self.name}: derivatives are those of an image's own samples, and how many fit into a time is "
-                "different each time; set samples, max_samples or noise in the place of time."
+                f"{self.name}: image and derivatives need the same samples, but a time limit allows another number of "
+                "samples in each render; set samples, max_samples or noise instead of time."
             )
         state = self.progressive(scene, sensor, seed, spp).run().state
         state.estimator.transport = self.transport(scene, state.estimator.sensor, attached=True)

@@ -28,7 +28,7 @@ class Part:
 
     def __post_init__(self) -> None:
         if not 1 <= self.number <= self.of:
-            raise ValueError(f"part {self.number} of {self.of}: parts are counted from 1 to their number")
+            raise ValueError(f"part {self.number} of {self.of} does not exist; give a number from 1 to {self.of}")
 
     def __str__(self) -> str:
         return f"{self.number}-of-{self.of}"

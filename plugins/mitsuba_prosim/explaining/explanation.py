@@ -84,8 +84,8 @@ class Explanation:
         return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
 
     def trees(self) -> dict[int, tuple[Node, ...]]:
-        """Returns the nodes of the explained sample and of the brightest further sample by the number of the sample;
-        further samples follow those of the pixel.
+        """Returns number of a sample -> its nodes, for the explained sample and the brightest further sample. The
+        numbers of further samples follow those of the pixel's samples.
         """
         return {self.sample: self.nodes} | ({len(self.values): self.further} if self.further else {})
 
@@ -251,9 +251,9 @@ class Samples:
         return Explanation(*known, values, mean, *rays, light, self.shares, told, tuple(notes))
 
     def deviations(self) -> tuple[np.ndarray, int]:
-        """Returns weights of the samples, and a number of samples: those that are farthest from the mean and make 90 %
-        of the squared error, at most :data:`MOST_OUTLIERS`. Each of them has the weight 1, and the middle sample minus
-        their number, so that the weighted sum of a light is its difference.
+        """Returns ``(weights, count)``: the outliers are the ``count`` samples that are farthest from the mean and make
+        90 % of the squared error, at most :data:`MOST_OUTLIERS`. An outlier has the weight 1, and the middle sample the
+        weight -``count``, so a weighted sum is the excess of the outliers over the middle sample.
         """
         light = self.values.sum(axis=1)
         errors = np.square(light - light.mean())
@@ -280,8 +280,8 @@ class Samples:
 
 
 def lanes(*numbers: Any) -> np.ndarray:
-    """Returns the numbers of lanes, shape (4, lanes): their number for :class:`.noise.Points`, index of the sample, and
-    pixel.
+    """Returns four integers for each lane, shape (4, lanes): ``which`` of :class:`.noise.Points`, the index of the
+    sample, and x and y of the pixel.
     """
     return np.stack(np.broadcast_arrays(*numbers)).reshape(len(numbers), -1).astype(np.uint32)
 

@@ -128,7 +128,7 @@ def node_spaces(transport: Any, nodes: Sequence[Node]) -> Iterator[tuple[int, in
 
 
 def surfaces(estimator: Estimator, trees: Mapping[int, Sequence[Node]]) -> dict[int, dict[int, Any]]:
-    """Returns ``(vectors, texts)`` of the surfaces where the rays of ``trees`` end: sample -> index of a node -> them.
+    """Returns sample -> index of a node -> ``(vectors, texts)`` of the surface where the node's ray ends.
 
     The vectors are sampled directions of the BSDF, whose length is the BSDF value times the cosine, relative to the
     greatest. Lobes with a single direction have no vectors. The texts name the textures and their values there.

@@ -60,8 +60,8 @@ LIGHTS = {
 
 
 class Points:
-    """The points of lanes: those of :class:`.Plan` in lanes whose number ``which`` is :data:`OWN`; elsewhere other
-    points, of which pairs of lanes differ only in the dimension number ``which``, if there is one.
+    """The sample points of lanes. Lanes whose ``which`` is :data:`OWN` have the points of :class:`.Plan`. Other lanes
+    have other points; two lanes of a pair differ only in the dimension with the number ``which``.
     """
 
     def __init__(self, plan: Plan, which: mi.UInt32, transport: Any, *where: Any) -> None:

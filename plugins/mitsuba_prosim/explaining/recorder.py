@@ -252,11 +252,11 @@ class Recorder:
     # ---------------------------------------------------------------- sums over samples
 
     def sums(self, event: str, keys: Sequence[str], weights: np.ndarray | None = None) -> Counter[tuple[int, ...]]:
-        """Returns the sums over all rows of an event: the values of the columns ``keys`` -> the number of their rows;
-        or, with ``weights`` of the samples, the sum of their contributions times the weights.
+        """Groups all rows of an event by their values in the columns ``keys``; returns values -> number of rows, or,
+        with ``weights`` of the samples, values -> sum of the contributions times the weights.
 
-        The column "shape" is the number of the shape at which the ray ends; if the ray itself finds the light, as in
-        emission and background, the shape at which it begins. It is 0 where there is no shape.
+        The column "shape" is the number of the shape at which the ray ends, or, if the ray itself finds the light (as
+        in emission and background), of the shape at which the ray begins; 0 without a shape.
         """
         found = Counter[tuple[int, ...]]()
         for rows in (table.columns for table in self.tables if table.event == event):

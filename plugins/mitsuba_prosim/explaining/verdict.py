@@ -73,8 +73,8 @@ def verdict(
         parts.append(denoised_words(final, interrupted))
     elif not parts:
         bound = render.noise_bound() if isinstance(render, Render) else float("nan")
-        words = "unknown" if isnan(bound) else f"at most about {bound:.2g}{TINY_LAMP * render.reached.tiny_lamp}"
-        parts = [f"error {words} (an estimate; a noise target would measure it)"]
+        known = f"at most about {bound:.2g}{TINY_LAMP * render.reached.tiny_lamp} (an estimate; "
+        parts = [f"error {'unknown (' if isnan(bound) else known}a noise target would measure it)"]
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
     sentences = [", ".join(parts)]

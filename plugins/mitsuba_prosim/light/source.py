@@ -109,8 +109,8 @@ class Source(mi.Emitter):
 
 
 def shown(emission: Any) -> Any:
-    """Returns the texture that stands for ``emission`` in ``mi.traverse``: ``emission``, or the factor of D65 for a
-    black one, so that the parameter has the same name.
+    """Returns the texture that ``mi.traverse`` shows for ``emission``: ``emission`` itself, or, if it is black, its
+    factor of D65, because the parameter then has the same name as that of other colours.
     """
     parameters: Any = {} if emission is None else mi.traverse(emission)
     if "nested_texture.value" not in parameters:

@@ -123,7 +123,7 @@ class Viewer:
         """
         scene, picture = self.scene, self.publisher.pictures.get("own")
         if scene is None or picture is None:
-            raise ValueError("There is no image yet.")
+            raise ValueError("There is no image yet; try again when the page shows one.")
         seen = {"scene": scene.scene, "sensor": scene.sensor, "image": picture.layers["final"]}
         return explanation.page(scene.file, pixel=(x, y), spp=self._spp, seed=self._seed, **seen)
 

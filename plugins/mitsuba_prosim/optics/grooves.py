@@ -35,7 +35,7 @@ def across_edge(x: mi.Float, y: mi.Float) -> mi.Vector3f:
 
 
 def least_angle(distribution: Distribution, roughness: mi.Float, share: float = STEEP) -> mi.Float:
-    """Returns the angle psi of which all facets but a ``share`` have more, in radians."""
+    """Returns the angle psi, in radians, that all facets except the fraction ``share`` exceed."""
     sin, cos = distribution.polar(mi.Float(1 - share), roughness)
     return dr.atan2(cos, sin)
 

@@ -68,8 +68,8 @@ class Footprint:
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
         """Returns the footprint of the pixel at the centre of the film, without its crop window.
 
-        Its width is at least :data:`MIN_PIXEL_WIDTH` times the radius of the scene; just this if the rays of ``sensor``
-        have no differentials.
+        Its width is at least :data:`MIN_PIXEL_WIDTH` times the radius of the scene, and equal to this minimum if the
+        rays of ``sensor`` have no differentials.
         """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))

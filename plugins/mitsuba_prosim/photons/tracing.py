@@ -53,8 +53,9 @@ class State:
 class PhotonTracer:
     """Traces photons in ``scene``; at most ``deepest`` specular surfaces reflect or refract each photon.
 
-    For a ray ``tree``, inseparable BSDFs scatter photons by all specular lobes; for paths, only by ideal lobes, and all
-    other photons land on them. ``mis`` is None if no photons land on glossy surfaces.
+    An inseparable BSDF can only sample all its lobes together. If ``tree`` (the camera rays form a ray tree), all its
+    specular lobes scatter photons; else only its ideal lobes, and the other photons land on the surface. ``mis`` is
+    None if no photons land on glossy surfaces.
     """
 
     def __init__(self, scene: mi.Scene, deepest: mi.UInt32, tree: bool, mis: PhotonMIS | None) -> None:

@@ -27,7 +27,7 @@ def check_size(width: int, height: int) -> None:
     """Raises ValueError if an image of ``width`` x ``height`` pixels is empty or too large for a film."""
     if not (min(width, height) >= 1 and max(width, height) <= LONGEST_SIDE and width * height <= MOST_PIXELS):
         raise ValueError(
-            f"an image of {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
+            f"an image cannot have {width} x {height} pixels; allowed are 1 to {LONGEST_SIDE} pixels a side and "
             f"{MOST_PIXELS // 10**6} million in all"
         )
 

@@ -122,7 +122,7 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
 
 
 def heights(triangles: np.ndarray) -> np.ndarray:
-    """Returns the heights of triangles (n, 3, 3) over their longest sides; about 0 in a seam."""
+    """Returns the heights of triangles (n, 3, 3) over their longest sides; about 0 for a sliver."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     longest = np.sqrt(np.max([np.sum(d * d, axis=1) for d in (b - a, c - b, a - c)], axis=0))
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest, 1e-300))

@@ -66,8 +66,8 @@ class Triangles:
 
 
 def corner_keys(vertex: np.ndarray, face: np.ndarray, corners: CornerAttributes, first: int) -> np.ndarray:
-    """Returns keys (n, 3) of corners, equal if vertex, face and side of the uv's seam are; each ``unshared`` one gets
-    its own negative key, after the ``first`` that have keys.
+    """Returns keys (n, 3) of corners. Corners with the same vertex and face, on the same side of the seam of uv, have
+    the same key; each ``unshared`` corner has its own negative key, from -1 - ``first`` downwards.
     """
     wrapped = (np.floor(corners.uv[..., 0]) > 0).astype(int)
     # Face numbers are below 8, except in mesh files, whose corners are all unshared.

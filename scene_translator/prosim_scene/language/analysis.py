@@ -44,7 +44,7 @@ def garbage_collection_paused() -> Iterator[None]:
 
 
 def document_of(text: str, filename: AnyPath = "<string>", define: Mapping[str, object] | None = None) -> Document:
-    """Returns the scene of ``text`` with the position of each value; otherwise as :func:`parse`."""
+    """Does what :func:`parse` does, but returns a document: the scene, and the position of each value in ``text``."""
     reader, problems, document = analyse(text, filename, define)
     for problem in problems:
         if isinstance(problem, SceneWarning):

@@ -133,8 +133,8 @@ class Source:
         return self.diagnostic(SceneError, span, reason, code)
 
     def diagnostic(self, kind: type[Kind], span: Span, reason: str, code: str) -> Kind:
-        """Returns an error or a warning (``kind``) about ``span``; the reason gets the values of at most three known
-        ``$names`` in it that it does not mention.
+        """Returns an error or a warning (``kind``) about ``span``. If the text there contains ``$names`` that the
+        reason does not mention, the values of at most three of them are added to the reason.
         """
         used = dict.fromkeys(USE.findall(self.text[span.start : min(span.end, span.start + MAX_QUOTE)]))
         unexplained = [name for name in used if name in self.names and f"${name}" not in reason]

@@ -160,8 +160,8 @@ class Reader(Scanner):
     # ---- Tokens
 
     def with_expected_role(self, token: Token) -> Token:
-        """Returns ``token``, the name of a solid, with the role USE, also in the list of tokens. Raises SceneError if
-        it is none, or not expected here.
+        """Gives ``token``, the name of a solid, the role USE, and returns it. Raises SceneError if no solid has this
+        name, or if no solid is expected here.
         """
         if "USE" not in self.expected or normalise(token.text) not in self.fields["solids"]:
             raise self.unexpected_token(token)
@@ -174,8 +174,8 @@ class Reader(Scanner):
             self.errors.append(self.source.error(span, reason, code))
 
     def begin_value(self, *path: str | int, at: Token | None = None) -> None:
-        """Sets the path and the span (of ``at``, else of the keyword) of the statement's value; a duplicate is an
-        error, and gets another path, so that its parameters are none.
+        """Sets the path and the span (of ``at``, else of the keyword) of the statement's value. A duplicate is an
+        error, and gets a path of its own, so that its parameters do not count as duplicates, too.
         """
         token, self.path = at or self.keyword, path
         if path in self.spans:

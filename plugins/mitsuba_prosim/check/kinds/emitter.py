@@ -148,7 +148,7 @@ class Emitter(Tests):
             self.density(f"{lamp.name} from {receiver.round(2)}", lamp, None, partial(point, p))
 
     def test_light(self, lamp: Lamp) -> None:
-        """Receivers get the same light by sampling the emitter as by rays, half of which go to everywhere."""
+        """Receivers get the same light from emitter samples as from rays, half of which go in all directions."""
         if lamp.ideal:
             return
         it = point(lamp.receivers(SAMPLES, 21))

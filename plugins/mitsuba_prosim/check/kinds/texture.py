@@ -28,7 +28,7 @@ def colours(texture: Any, uv: np.ndarray) -> np.ndarray:
 
 
 def nearest(found: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """The mean or the luminance of colours, whatever is nearer; a plugin may return either."""
+    """Mean or luminance of colours, whichever is nearer to ``found``, because a plugin may return either."""
     means = [value.mean(axis=0), mi.luminance(mi.Color3f(value)) if len(value) == 3 else value[0]]
     return np.choose(np.argmin([np.abs(found - np.array(mean)) for mean in means], axis=0), means)
 

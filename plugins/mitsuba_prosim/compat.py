@@ -271,6 +271,10 @@ PLUGINS_IN_PYTHON = (
 )
 
 
+#: The plugins of Mitsuba 3.9 that end the process without a message unless they have one of these parameters.
+REQUIRED = {"bitmap": ("filename", "bitmap", "data"), "blendbsdf": ("weight",)}
+
+
 # ---------------------------------------------------------------- the words of errors
 # An error has no attributes, only a text (as of 3.9).
 
@@ -282,10 +286,10 @@ SOURCE_LINE = re.compile(r"\[\w+\.(?:cpp|h):\d+\] ")
 #: "FILE" failed: ... (...)`.
 PLACE = re.compile(r'(?:[Ll]oading|XML file|At) "?([^"\n]+?)"?(?: failed: [^\n]*?)? \(line (\d+), col (\d+)\)')
 
-#: A plugin does not have some parameters: name of the plugin, and one line for each parameter.
+#: A plugin does not have some parameters: name of the plugin, and a line or more for each parameter.
 NO_PARAMETER = re.compile(
     r'(?:While loading dictionary node "root": )?Found \d+ unreferenced \w+ in \w+ plugin of type "([^"\n]+)":'
-    r'((?:\s+- \w+ "[^"\n]+": [^\n]*)+)'
+    r'((?:\s+- \w+ "[^"\n]+": [^\n]*(?:\n(?!\s*- \w+ ")[ \]][^\n]*)*)+)'
 )
 
 #: A plugin is missing: its tag in XML, and its name.

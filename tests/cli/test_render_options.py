@@ -23,7 +23,8 @@ from tqdm import tqdm
         ("--exposre 1", "'--exposure'"),
         ("--resolution 0x4", "1 to 65536 pixels a side"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
-        ("--crop 0,0,100,100", "crop_size"),
+        *[(f"--crop {n}", f"window {n} is not within the image of 12x8 pixels") for n in ("0,0,100,100", "12,0,1,1")],
+        ("--samples 2", "Any of --noise, --noise-99, --noise-99.9, --time, --max-samples, --adaptive puts it inside"),
         ("-D key", "not of the form key=value"),
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 0", "range"),
@@ -38,7 +39,10 @@ from tqdm import tqdm
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),
-        ("--noise 0.1 -m scalar_rgb", "--noise: scalar_rgb"),
+        ("--noise-99.9 0.1 -m scalar_rgb", "--noise-99.9: scalar_rgb"),
+        ("--noise 1 --threshold 1", "--threshold has no effect with --adaptive graded and a limit of noise"),
+        ("--adaptive none --threshold 1", "--threshold has no effect with --adaptive none;"),
+        ("-D a\udcff=1", "a?: Mitsuba reads only names and values in UTF-8"),
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
         ("--snapshots x", "X,X"),
@@ -182,9 +186,13 @@ def test_wrong_files_are_refused(folder, command, path, says):
     refused(says, command, path, *["a=1"] * (command == "mix"), folder=folder)
 
 
-def test_pipe_is_no_scene_in_xml(folder):
-    os.mkfifo(pipe := folder / "pipe.xml")
-    refused("is a device or a pipe, not a scene", "render", pipe)
+def test_pipe_is_no_scene_in_xml_and_has_no_frames(folder):
+    for name, arguments, says in (
+        ("pipe.xml", (), "is a device or a pipe, not a scene"),
+        ("p", ("--frames", 3), "a pipe"),
+    ):
+        os.mkfifo(folder / name)
+        refused(says, "render", folder / name, *arguments)
 
 
 @pytest.mark.parametrize("text, code", [(PALITO.read_bytes(), 0), (b"(" * 2**23, 2)])
@@ -292,6 +300,14 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
+def test_resolution_of_a_film_with_a_crop_window_needs_a_crop(scene):
+    window = "".join(f'<integer name="crop_{name}" value="2"/>' for name in ("offset_x", "offset_y", "width", "height"))
+    scene.write_text(XML.replace("</film>", f"{window}</film>"))
+    refused("the film has the crop window 2,2,2,2 of 12x8 pixels", "render", scene, "--resolution", "24x16")
+    for arguments in [("12x8",), ("24x16", "--crop", "4,4,2,2")]:
+        assert "2 x 2 pixels" in done("render", scene, "--resolution", *arguments).stdout
+
+
 #: A crop window without pixels, and a shape from a file that does not exist.
 EMPTY = '<integer name="crop_width" value="{}"/><integer name="crop_height" value="{}"/></film>'
 HAIR = '<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'
@@ -323,12 +339,17 @@ def ball(plugin, parameter):
         (ball("dielectric", '<float name="n_refr" value="2"/>'), "n_refr; it has int_ior, ext_ior, eta,"),
         (ball("conductor", '<string name="material" value="Copper"/>'), "allowed: Cu for copper;"),
         (scene_text(content=HAIR), 'from "no.txt": file not found!\n'),
+        # Mitsuba ends the process, or cannot tell why.
+        (ball("lambertian", '<texture type="bitmap"/>'), "(line 8, col 58): this bitmap has no filename"),
+        (scene_text(content='<bsdf type="blendbsdf"/>'), "(line 8, col 6): this blendbsdf has no weight"),
+        (ball("\udce7ava", ""), "prosim_\ufffdava: this is not UTF-8; save the scene as UTF-8\n"),
+        (ball("lambertian", '<texture name="kd" type="checkerboard"/>'), "parameter kd; it has reflectance, ambient\n"),
     ],
 )
 def test_wrong_scene_writes_nothing(scene, text, says):
     """Images of before stay."""
     scene.with_suffix(".exr").write_bytes(b"before")
-    scene.write_text(text)
+    scene.write_text(text, errors="surrogateescape")
     refused(says, "render", scene)
     assert scene.with_suffix(".exr").read_bytes() == b"before"
 

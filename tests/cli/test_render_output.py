@@ -269,6 +269,8 @@ def test_snapshots_are_images_of_one_render(noisy):
     assert counts == sorted(counts) and counts[0] == 4  # of the first pass
     for name in "alone.exr", "scene.0.0001.exr":
         assert np.array_equal(pixels(noisy.with_suffix(".exr")), pixels(noisy.with_name(name)))
+    ended = done("render", noisy, "--noise", 1, "--snapshots", "1,0.0000001")
+    assert "--snapshots 0.0000001: not written, because the render ended earlier" in ended.stderr
     done("render", noisy, "--snapshots", "0.1s,0.2s")
     assert noisy.with_name("scene.0.2s.exr").exists()
 

@@ -26,7 +26,7 @@ def explain(job: Job, pixel: tuple[int, int]) -> None:
     The command writes one HTML page, SCENE-explain.html in the scene's folder, with the rays of the brightest samples
     of the pixel. --spp is the number of samples of the pixel; the default is that of the scene, N².
     """
-    refuse_scalar(["prosim explain"], job.variant)
+    refuse_scalar("prosim explain", job.variant)
     scene = Path(job.scene)
     stem = files.output_stem(job.output, scene.with_name(scene.stem + "-explain"), [".html"])
     files.check(stem, [".html"], 2**21, [scene])

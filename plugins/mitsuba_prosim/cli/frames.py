@@ -39,6 +39,8 @@ class Animation:
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
         with input_errors():
+            if not Path(job.scene).is_file():
+                raise ValueError(f"{job.scene} is a pipe, and each of the --frames reads the scene; save it in a file")
             #: Those of the names $frame and $time that the scene uses.
             self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
             if not self.names and len(self.frames) > 1:

@@ -17,6 +17,7 @@ from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
+from ..scene.overrides import option_names
 from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
@@ -309,7 +310,7 @@ def make_job(options: dict[str, Any]) -> Job:
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])
         progressive = (*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
-        refuse_scalar([f"--{name.replace('_', '-')}" for name in progressive if name in given], options["variant"])
+        refuse_scalar(option_names(name for name in progressive if name in given), options["variant"])
     return Job(**options)
 
 
@@ -332,12 +333,12 @@ def choose_variant(name: str | None) -> str:
     return variant
 
 
-def refuse_scalar(names: list[str], variant: str) -> None:
+def refuse_scalar(names: str, variant: str) -> None:
     """Raises InputError if ``variant`` is scalar and ``names`` is not empty: the options, parameters or commands in use
     that need progressive rendering.
     """
     if variant.startswith("scalar_") and names:
         raise InputError(
-            f"{', '.join(names)}: {variant} renders pixel by pixel, not progressively. Give another variant, "
+            f"{names}: {variant} renders pixel by pixel, not progressively. Give another variant, "
             "such as -m llvm_ad_rgb (prosim doctor lists those of this machine), or --spp."
         )

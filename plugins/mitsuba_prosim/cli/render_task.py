@@ -82,7 +82,13 @@ class RenderTask:
         InputError if the files cannot be written, and ClickException if the denoiser is not installed.
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
-        refuse_scalar([name for name in TARGETS if getattr(integrator, name, 0)], job.variant)
+        refuse_scalar(", ".join(name for name in TARGETS if getattr(integrator, name, 0)), job.variant)
+        if job.threshold is not None and integrator.adaptive in ("none", "graded" * integrator.sampling.has_target):
+            limit = " and a limit of noise or time" * integrator.sampling.has_target
+            raise ValueError(
+                f"--threshold has no effect with --adaptive {integrator.adaptive}{limit}; leave it out, or give "
+                "--adaptive neighbours."
+            )
         if job.denoise:
             check_denoising(film, integrator)
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
@@ -199,6 +205,9 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     with TevClient(task.job, task.sensor.film()) as viewer, interruptible(task.integrator.cancel, resources.signals):
         render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
         snapshots(render)
+        if snapshots.left:
+            left = ",".join(snapshots.left)
+            warnings.warn(f"--snapshots {left}: not written, because the render ended earlier", stacklevel=2)
         viewer.show()  # before denoising, which takes time
         reached, interruption = render.reached, resources.interruption
         if interruption and not task.facts and reached is not None and reached.samples == 0:

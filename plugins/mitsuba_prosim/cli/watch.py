@@ -42,7 +42,7 @@ def watch(job: Job, port: int, browser: bool) -> None:
     from ..live import loaded_scene, server, viewer
     from .mix import factors_in_words
 
-    refuse_scalar(["prosim watch"], job.variant)
+    refuse_scalar("prosim watch", job.variant)
     if job.denoise:
         require_extra("denoise", "--denoise")
     try:

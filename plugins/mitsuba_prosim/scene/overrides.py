@@ -50,12 +50,7 @@ def apply(
     the parameters.
     """
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
-        _set(props, zip(("width", "height"), resolution or ()))
-        _set(props, zip(CROP, crop or ()))
-        check_size(props.get("width", 768), props.get("height", 576))
-        # Mitsuba would compute with 32 bits, and take an empty window.
-        if any(props.get(name, 1) > LONGEST_SIDE for name in CROP) or min(props.get(name, 1) for name in CROP[2:]) < 1:
-            raise ValueError(f"the crop window {[props.get(name, 0) for name in CROP]} is not within the image")
+        _change_film(props, resolution, crop)
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
@@ -71,7 +66,7 @@ def apply(
         ours, replaced = [node.props], f"prosim in place of {before.plugin_name()}"
     if others and not ours:
         raise ValueError(
-            f"only the integrator prosim has {_options(others)}; this scene's is {named}, which --paths (in Python "
+            f"only the integrator prosim has {option_names(others)}; this scene's is {named}, which --paths (in Python "
             '{"diffuse_bounces": -1}) replaces by prosim'
         )
     for props in ours:
@@ -91,8 +86,8 @@ def apply(
         return replaced
     if not set(sampling) & set(WRAPPING):
         raise ValueError(
-            f"only the integrators prosim and prosim_adaptive have {_options(sampling)}; this scene's is {named}. Any "
-            f"of {_options(WRAPPING)} puts it inside prosim_adaptive"
+            f"only the integrators prosim and prosim_adaptive have {option_names(sampling)}; this scene's is {named}. "
+            f"Any of {option_names(WRAPPING)} puts it inside prosim_adaptive"
         )
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
@@ -101,8 +96,32 @@ def apply(
     return f"{plugin} within prosim_adaptive"
 
 
-def _options(parameters: Iterable[str]) -> str:
-    return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
+def option_names(parameters: Iterable[str]) -> str:
+    """Returns the names of the command's options for ``parameters`` of the integrator, separated by commas."""
+    names = (name.replace("noise_999", "noise_99.9").replace("_", "-") for name in parameters if name != "ambient")
+    return ", ".join(f"--{name}" for name in names)
+
+
+def _change_film(
+    props: mi.Properties, resolution: tuple[int, int] | None, crop: tuple[int, int, int, int] | None
+) -> None:
+    """Sets the size and the crop window of a film; see :func:`apply`."""
+    old = props.get("width", 768), props.get("height", 576)
+    size, window = resolution or old, crop or tuple(map(props.get, CROP, (0, 0, *old)))
+    if size != old and not crop:
+        if window != (0, 0, *old):
+            raise ValueError(
+                f"the film has the crop window {','.join(map(str, window))} of {old[0]}x{old[1]} pixels, which "
+                "--resolution does not change; give the window by --crop, too"
+            )
+        window = 0, 0, *size
+    check_size(*size)
+    x, y, width, height = window
+    if not (0 <= x <= x + width <= size[0] and 0 <= y <= y + height <= size[1] and min(width, height) >= 1):
+        raise ValueError(
+            f"the crop window {','.join(map(str, window))} is not within the image of {size[0]}x{size[1]} pixels"
+        )
+    _set(props, zip(("width", "height", *CROP), (*size, *window)))
 
 
 def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:

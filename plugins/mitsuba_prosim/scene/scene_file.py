@@ -79,8 +79,8 @@ class SceneFile:
             if resolution and (wrong := prosim_scene.distortion_message(*resolution, (right - left) / (top - bottom))):
                 warnings.warn(prosim_scene.SceneWarning(f"{self.path}: {wrong}"), stacklevel=2)
             definitions = resolution = None  # the translated file already contains both
-        elif unfit := [f"--{name.replace('_', '-')}" for name in LANGUAGE if translation.get(name)]:
-            raise ValueError(f"{', '.join(unfit)}: only for scenes in the thesis's language; {self.path} is XML")
+        elif unfit := overrides.option_names(name for name in LANGUAGE if translation.get(name)):
+            raise ValueError(f"{unfit}: only for scenes in the thesis's language; {self.path} is XML")
         #: Arguments with which :class:`SceneFile` reads the same scene from :attr:`xml`, on a worker for example.
         self.changes: dict[str, Any] = {
             "definitions": dict(definitions or {}),
@@ -206,19 +206,25 @@ def parse(
     """Returns the state of Mitsuba's parser after an XML scene file.
 
     ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about one that
-    the scene does not use. Raises ValueError for a name that Mitsuba reserves and for a sampler without samples, and
-    the errors of the parser.
+    the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and for plugins whose
+    parameters would end the process; and the errors of the parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
+    for text in (str(path), *parameters, *parameters.values()):
+        if (shown := text.encode("utf-8", "replace").decode()) != text:
+            raise ValueError(f"{shown}: Mitsuba reads only names and values in UTF-8; change it")
     config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = unused
     state = mi.parser.parse_file(config, str(path), **parameters)
-    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Sampler):
-        if (
-            count := props.get("sample_count", 1)
-        ) < 1:  # without samples, Mitsuba would divide by 0, which ends the process
-            raise ValueError(f"{path}: sample_count is {count} in the sampler {props.plugin_name()}; give 1 or more")
+    for node in state.nodes:
+        props, plugin, wrong = node.props, node.props.plugin_name(), ""
+        if (needed := compat.REQUIRED.get(plugin)) and not any(name in props for name in needed):
+            wrong = f"this {plugin} has no {needed[0]}, which it needs"
+        elif node.type == mi.ObjectType.Sampler and (count := props.get("sample_count", 1)) < 1:
+            wrong = f"sample_count is {count} in the sampler {plugin}; give 1 or more"  # Mitsuba would divide by it
+        if wrong:
+            raise ValueError(f"At {mi.parser.file_location(state, node)}: {wrong}")
     return state
 
 

@@ -77,7 +77,10 @@ def message(error: BaseException) -> str:
     plugin of this package.
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
-    words = SOURCE_LINE.sub("", TRACEBACK.sub("", str(error)) + cause)
+    text = str(error)
+    if isinstance(error, UnicodeDecodeError):  # Mitsuba has quoted a text in another encoding
+        text = f"{error.object.decode('utf-8', 'replace')}: this is not UTF-8; save the scene as UTF-8"
+    words = SOURCE_LINE.sub("", TRACEBACK.sub("", text) + cause)
 
     def shortened(found: re.Match[str]) -> str:
         names = re.findall(r'- \w+ "([^"\n]+)":', found[2])

@@ -53,8 +53,8 @@ def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
 
 
 def to_world_name(parameters: MutableMapping[str, Any], prefix: str = "") -> str:
-    """Returns ``prefix``, such as "lamp.", and that of the names :data:`TO_WORLD` which the ``parameters`` of
-    ``mi.traverse`` have; the last name if they have none.
+    """Returns ``prefix``, such as "lamp.", followed by the first of the names :data:`TO_WORLD` that the
+    ``parameters`` of ``mi.traverse`` contain; by the last name if they contain none.
     """
     return next((prefix + name for name in TO_WORLD if prefix + name in parameters), prefix + TO_WORLD[-1])
 
@@ -92,7 +92,7 @@ def box_of_point(p: mi.ScalarPoint3f) -> mi.ScalarBoundingBox3f:
 
 
 def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
-    """Returns the vertices in world coordinates, shape (n, 3), double precision; None if it is no mesh."""
+    """Returns the vertices in world coordinates, shape (n, 3), double precision; None if ``shape`` is no mesh."""
     import numpy as np
 
     parameters = mi.traverse(shape)
@@ -361,7 +361,7 @@ def denormals_rounded() -> Iterator[None]:
 
 def samples_elsewhere(parameters: mi.SceneParameters, prefix: str = "") -> bool:
     """Tells whether the texture with these ``parameters``, whose names begin with ``prefix``, is a bitmap whose
-    transform ``to_uv`` is not the identity: Mitsuba 3.9 ignores it when it samples points by their brightness.
+    transform ``to_uv`` is not the identity. Mitsuba 3.9 samples bright points of a bitmap without this transform.
     """
     if prefix + "data" not in parameters:
         return False

@@ -53,7 +53,7 @@ def to_drjit(values: np.ndarray) -> Any:
 
 
 def interaction(kind: Any, n: int, wavelengths: Any = None, /, **fields: Any) -> Any:
-    """Returns ``n`` interactions of a type of Mitsuba with some fields; without ``wavelengths``, these are fixed."""
+    """Returns ``n`` interactions of Mitsuba's type ``kind`` with these ``fields``; ``wavelengths`` has a default."""
     found = dr.zeros(kind, n)
     if mi.is_spectral:
         found.wavelengths = mi.UnpolarizedSpectrum(450, 520, 590, 650) if wavelengths is None else wavelengths

@@ -334,7 +334,7 @@ class Recorder:
 
 
 def made(kind: type[Any], values: Row) -> Any:
-    """Returns an object of a data class with those of the ``values`` that it has."""
+    """Returns an object of the data class ``kind``, whose fields have the ``values`` of the same names."""
     return kind(**{field.name: values[field.name] for field in fields(kind)})
 
 

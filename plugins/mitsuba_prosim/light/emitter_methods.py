@@ -133,7 +133,7 @@ def sample_shape(shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, acti
 class EmitterMethods:
     """Samples the ``emitters`` of a scene, given one of them or a Dr.Jit array.
 
-    The samples and densities of all others are 0, as those of an emitter without a :func:`point_sampler`.
+    Other emitters, and emitters without a :func:`point_sampler`, have samples and densities of 0.
     """
 
     def __init__(self, emitters: Iterable[mi.Emitter]) -> None:

@@ -74,10 +74,10 @@ def reflect_again(
     times the cosine of wo, and the density of :func:`leave`.
 
     ``reflectance`` is a function of the cosine between the ray and a facet. ``pdf`` has the factor ``probability``, a
-    function of the first reflectance. The reflections between the first and the last count like the single reflection
-    between wi and wo, which is exact for up to three reflections; the error is below 5e-4 of the light for alpha up to
-    1.5. For wo = (-wi.x, -wi.y, wi.z), to which grooves of all azimuths send light, the density is infinite; here it is
-    large.
+    function of the reflectance at the first facet. Up to three reflections have their exact reflectances. With more,
+    those between the first and the last have the reflectance of a single reflection between wi and wo; this changes
+    less than 5e-4 of the light for alpha up to 1.5. For wo = (-wi.x, -wi.y, wi.z), to which grooves of all azimuths
+    send light, the density is infinite; the returned density is large.
     """
     wi, wo = directions
     x, y = wi.x + wo.x, wi.y + wo.y

@@ -60,7 +60,7 @@ class Caustics:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
-        """Returns the object, or None if no surface is specular or no light source can emit photons."""
+        """Returns the caustics of ``scene``; None if no surface is specular or no light source can emit photons."""
         shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:

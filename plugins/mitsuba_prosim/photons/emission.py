@@ -88,7 +88,7 @@ def can_be_aimed(emitter: mi.Emitter) -> bool:
 
 
 class Sources:
-    """The emitters of ``scene`` that emit photons; pair ``p``: emitter p // targets.count, target p % targets.count."""
+    """The emitters of ``scene`` that emit photons. Pair p has emitter p // targets.count, target p % targets.count."""
 
     def __init__(self, scene: mi.Scene, targets: Targets) -> None:
         self.scene, self.targets = scene, targets

@@ -43,8 +43,8 @@ def apply(
 
     ``resolution`` is the new size (width, height) and ``crop`` the new crop window (x, y, width, height) in pixels, or
     None. ``parameters`` are new values for parameters of the integrator; None deletes a parameter. Parameters of
-    sampling, such as ``samples``, are set for the outermost integrator, which those in :data:`WRAPPING`, such as
-    ``noise``, nest in ``prosim_adaptive`` if it is of Mitsuba. All others are set for every integrator ``prosim``; if
+    sampling, such as ``samples``, are set for the outermost integrator; those in :data:`WRAPPING`, such as ``noise``,
+    first nest an integrator of Mitsuba in ``prosim_adaptive``. All others are set for every integrator ``prosim``; if
     there is none, ``diffuse_bounces`` replaces the scene's integrator by ``prosim``. A scene without an integrator
     first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has
     the parameters.

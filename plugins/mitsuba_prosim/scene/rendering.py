@@ -49,8 +49,8 @@ def progressive(scene: mi.Scene, sensor: mi.Sensor, integrator: Any, seed: int =
 
 
 def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images: int = 1) -> int:
-    """Returns the number of samples of each pixel, in equal ``images`` together, if ``spp`` are requested, which the
-    sensor's sampler may round up; progressive integrators do not use it.
+    """Returns the number of samples that a pixel gets in all ``images``, of which each takes an equal part of the
+    requested ``spp``. The sensor's sampler, which progressive integrators do not use, may round this part up.
     """
     each = -(-spp // images)
     if not is_progressive(integrator) and "denoised.R" not in integrator.aov_names():  # prosim_denoised counts itself

@@ -205,9 +205,9 @@ def parse(
 ) -> mi.parser.ParserState:
     """Returns the state of Mitsuba's parser after an XML scene file.
 
-    ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about one that
-    the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and for plugins whose
-    parameters would end the process; and the errors of the parser.
+    ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about a constant
+    that the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and for plugins
+    whose parameters would end the process; and the errors of the parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")

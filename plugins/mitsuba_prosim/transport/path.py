@@ -29,7 +29,7 @@ class Counters:
 
 
 def start(context: Context, ray: Ray) -> Counters:
-    """Returns the :class:`Counters` at the start of a path; ``ray`` is unused, as a tree has it."""
+    """Returns the :class:`Counters` at the start of a path; ``ray`` is unused (:func:`.tree.start` needs it)."""
     return Counters(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
 
 

@@ -90,7 +90,7 @@ class ByLevel(Layers):
     """Layers by level: one for each number of reflections and refractions on the way from the camera."""
 
     def of(self, ray: Ray, term: str, source: Layer = 0) -> Layer:
-        """Returns the level; for emission that a ray from a surface meets, that of the surface."""
+        """Returns the level of ``ray``; for emission that it meets, that of the surface where it begins."""
         return dr.maximum(ray.level, 1) - 1 if term == "emitted" else ray.level
 
 

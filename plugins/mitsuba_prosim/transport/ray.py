@@ -86,7 +86,7 @@ class Vertex(Surface):
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """Returns the weight by the power heuristic (Veach 1997) of a sample of density ``pdf``; 0 where it is 0."""
+    """Returns a sample's weight by the power heuristic (Veach 1997), for its density ``pdf``; 0 where ``pdf`` is 0."""
     pdf, other = dr.square(pdf), dr.square(other)
     return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)
 

@@ -50,8 +50,8 @@ class Scattering:
         whether the sample belongs to ``lobe``.
 
         ``throughput`` is that of the arriving ray, or the flux of the arriving photon. Dispersive, ideally smooth glass
-        refracts one wavelength, chosen in proportion to it; all in the same direction if it is None. Where
-        ``at.inseparable``, the BSDF samples all lobes together.
+        chooses the wavelength that it refracts in proportion to ``throughput``; if this is None, it refracts all in one
+        direction. Where ``at.inseparable``, the BSDF samples all lobes together.
         """
         weights = None
         if self.disperses and throughput is not None:

@@ -91,7 +91,7 @@ class Transport(Context):
 
 
 class InnerIntegrator:
-    """:class:`Transport` by an integrator of Mitsuba; one object serves all camera rays of a render."""
+    """Estimates radiance as :class:`Transport` does, but by an integrator of Mitsuba."""
 
     #: The integrator computes its own photons and layers, if it has any.
     caustics, has_layers, rays_per_sample = None, False, RAYS_PER_PATH

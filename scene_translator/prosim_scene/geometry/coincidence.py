@@ -150,7 +150,7 @@ class Planes:
 
     def separate(self, first: Manifold, second: Manifold, outwards: int) -> list[Manifold]:
         """Returns the two solids with a gap, :data:`GAP` times manifold3d's tolerance, between facets on common planes:
-        the first's move outwards (1) or inwards (-1), the second's lie exactly on them.
+        the facets of the first solid move outwards (1) or inwards (-1); those of the second lie exactly on the planes.
         """
         a, b = self._facets(first), self._facets(second)
         gap = GAP * max(first.get_tolerance(), second.get_tolerance())

@@ -20,8 +20,8 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yields touching or overlapping boxes ``low`` to ``high`` (n, 3) as arrays of pairs, up to MAX_PAIRS or those of a
-    single box. The first of a pair has the smaller minimum x, by which they are sorted.
+    """Yields arrays of pairs of boxes, ``low`` to ``high`` (n, 3), that touch or overlap, at most MAX_PAIRS at once
+    or all of one box. Pairs are sorted by the minimum x of their first box, which is the smaller one.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]

@@ -82,8 +82,8 @@ class MeshFile(Primitive):
         return self._mesh
 
     def corner_attributes(self, p: np.ndarray, face: np.ndarray) -> CornerAttributes:
-        """Returns normals, of the triangle where the file's point inwards, and uv, (x, y) without any, interpolated in
-        the triangles ``face``. No corner is shared.
+        """Returns normals (those of the triangle if the file's normals point inwards) and uv ((x, y) if the file has
+        no uv), interpolated in the triangles ``face``. No corner is shared.
         """
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)

@@ -174,8 +174,8 @@ def circle(segments: int) -> np.ndarray:
 
 
 def azimuth(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the azimuth of corners (n, 3, 3) as a fraction of a turn, at most 1, and whether each is on the axis,
-    where it is the mean of the others. Beyond the seam at 0, 1 is added to azimuths below 0.5.
+    """Returns the azimuth of corners (n, 3, 3) as a fraction of a turn, and which corners are on the axis: these have
+    the mean azimuth of the other corners. In a triangle across the seam at 0, azimuths below 0.5 are increased by 1.
     """
     on_axis = np.hypot(p[..., 0], p[..., 1]) < ON_AXIS
     u = np.arctan2(p[..., 1], p[..., 0]) / (2 * math.pi) % 1.0

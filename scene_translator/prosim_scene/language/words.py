@@ -76,8 +76,8 @@ class Numbers:
         return abs(number) >= self.least or (number == 0 and not self.nonzero)
 
     def value(self, numbers: Sequence[float]) -> Any:
-        """Converts allowed numbers to a value or a tuple: one for all channels repeated, a flag a bool, a whole number
-        an int.
+        """Converts allowed numbers to a value or a tuple. A flag becomes a bool, a whole number an int; one number for
+        all channels is repeated.
         """
         values = tuple(map(bool if self.flags else int, numbers)) if self.whole else tuple(numbers)
         return values[0] if self.count == 1 else values * (self.count if len(values) == 1 else 1)

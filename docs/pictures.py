@@ -211,7 +211,7 @@ def materials():
             scene = studio(ball=ball({"type": f"prosim_{name}", **parameters, **rough}))
             scene["sensor"]["film"] |= {"width": 96, "height": 96}
             scene["sensor"]["fov"] = 24
-            rows.append(1.4 * rendered(scene))
+            rows.append(1.4 * rendered(scene, spp=1024))
     return np.concatenate([np.concatenate(rows[i : i + 5], axis=1) for i in range(0, 25, 5)])
 
 

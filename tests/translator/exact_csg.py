@@ -267,13 +267,13 @@ def unions(rng):
 
 
 def same_quadric(rng):
-    """Poles or balls that lie on one another's surface, in a common placement, and something that cuts them."""
-    shape, count = ["CYLINDER", "SPHERE"][rng.integers(2)], rng.integers(2, 5)
+    """Poles, balls or rings that lie on one another's surface, in a common placement, and something that cuts them."""
+    shape, count = ["CYLINDER", "SPHERE", f"TORUS radius {rng.choice([0.2, 0.5])}"][rng.integers(3)], rng.integers(2, 5)
     after = f"SCALE ({numbers(rng.uniform(0.6, 2, 3))}) {turn(rng)}"
     transforms = []
     for _ in range(count):
         size, place = [1, 1, rng.uniform(0.3, 2)], [0, 0, rng.choice([-1, -0.5, 0, 0.5, rng.uniform(-1, 1)])]
-        own = sized(size, place) if shape == "CYLINDER" else f"ROTATE-X ({rng.uniform(0, 360)!r})"
+        own = {"C": sized(size, place), "S": f"ROTATE-X ({rng.uniform(0, 360)!r})", "T": "SCALE (1 -1 1)"}[shape[0]]
         transforms.append(f"{spin(rng)} {own} {after}")
     transforms.append(f"SCALE ({numbers(rng.uniform(0.5, 1.5, 3))}) {turn(rng)}")
     return text(rng, [shape] * count + [SHAPES[rng.integers(4)]], transforms, tree(rng, count + 1))

@@ -20,10 +20,12 @@ def scene(tree, transforms, surfaces=()):
     return "\n".join([*lines, "END"])
 
 
-def skins(text, tolerance=0.05):
-    """{MeshKey: Triangles} of a scene."""
+def skins(text, tolerance=0.05, files=None):
+    """{MeshKey: Triangles} of a scene, whose mesh files are the solids ``files``."""
     document = document_of(text, "test.scn")
-    return tessellate(document, camera_of(document), tolerance, assemble.looks(document.scene), {}, TranslationCache())
+    return tessellate(
+        document, camera_of(document), tolerance, assemble.looks(document.scene), files or {}, TranslationCache()
+    )
 
 
 def solids(text, tolerance=0.05):

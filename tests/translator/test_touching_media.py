@@ -11,10 +11,13 @@ import pytest
 from meshes import area, scene, skins, solids, volume
 from mitsuba_prosim.optics.dispersion import MATERIALS, D, Dispersion
 from prosim_scene import SceneWarning
+from prosim_scene.geometry.mesh_files import MeshFile
+from prosim_scene.geometry.primitives import PRIMITIVES
 from prosim_scene.language import document_of
 from prosim_scene.language.words import GLASSES, INDICES
 from prosim_scene.mitsuba import assemble
 from prosim_scene.model import Leaf
+from test_mesh_files import obj
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -118,6 +121,21 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
             if len(found) == len(expected):
                 assert found == expected, seed
     assert compared[False] < 0.05 * compared[True]  # at edges, which chords cut
+
+
+@pytest.mark.parametrize("tree", ["+ - CUBE 0 {} {}", "+ {} - CUBE 0 {}", "+ * CUBE 0 {} {}", "* + {} {} CUBE 3"])
+def test_copy_of_a_mesh_fills_its_hollow(tree):
+    ball = PRIMITIVES["sphere"].mesh(20, np.eye(4))
+    files = {"ball.obj": MeshFile(obj(ball.triangles.tolist(), ball.vertices))}
+    turn, block = "SCALE (1.1 -.9 1) ROTATE-X (33) TRANSLATE (.1 .2 .3)", "TRANSLATE (-.5 -.5 -.5) SCALE (4 4 4)"
+    transforms = [f"{steps} {turn}" for steps in (block, "", "", f"TRANSLATE (.2 .1 -.4) {block}")]
+    glasses = [f"material dieletrico n-refr = {n}" for n in (1.5, 1.5, 1.3, 1.7)]
+    text = scene(tree.format('MESH 1 "ball.obj"', 'MESH 2 "ball.obj"'), transforms, glasses)
+    meshes, generator, tested = skins(text, 0.3, files), np.random.default_rng(1), 0
+    for origin, target in zip(generator.normal(scale=6, size=(40, 3)), generator.uniform(-1, 1, (40, 3))):
+        direction = (target - origin) / np.linalg.norm(target - origin)
+        tested += len(media_along(meshes, origin, direction))
+    assert tested > 40
 
 
 TUMBLER = scene(

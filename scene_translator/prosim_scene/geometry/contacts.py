@@ -118,7 +118,7 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
     ``order`` (n,) has the ranks of :func:`_order`.
     """
     # A torus is not convex, so it has no tangent planes.
-    curved = np.flatnonzero([s.primitive.curved is not None and len(s.primitive.quadrics) > 0 for s in solids])
+    curved = np.flatnonzero([s.primitive.curved is not None and s.primitive.name != "torus" for s in solids])
     boxes = world_box_corners([solids[i] for i in curved.tolist()])
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     to_local, is_ball = np.linalg.inv(to_world), np.array([s.primitive.axes == 3 for s in solids], bool)

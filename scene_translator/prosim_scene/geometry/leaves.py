@@ -95,18 +95,16 @@ def leaves_of(
 
 def _distinct(document: Document, meshes: Mapping[str, Primitive]) -> Leaves:
     """Returns the leaves with their transforms; the positions are still those of the scene."""
-    keys = [(leaf.shape, leaf.file, leaf.radius, leaf.index) for _, leaf in document.scene.leaves]
-    numbers = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    indices = [index for *_, index in numbers]
-    primitives = [meshes[file] if file else primitive_of(shape, radius) for shape, file, radius, _ in numbers]
+    leaves = [leaf for _, leaf in document.scene.leaves]
     with np.errstate(all="ignore"):
-        to_world_matrices = matrices([document.scene.transforms[index] for index in indices])
-        solids = [
-            Solid(primitive, to_world @ primitive.placement)
-            for primitive, to_world in zip(primitives, to_world_matrices)
-        ]
+        to_world = matrices([document.scene.transforms[leaf.index] for leaf in leaves]) + 0.0  # converts -0 to 0
+        primitives = [meshes[leaf.file] if leaf.file else primitive_of(leaf.shape, leaf.radius) for leaf in leaves]
+        keys = list(zip(primitives, map(bytes, to_world)))
+        distinct = [numbers[0] for numbers in group_equal(keys).values()]
+        solids = [Solid(primitives[i], to_world[i] @ primitives[i].placement) for i in distinct]
         boxes = world_box_corners(solids)
-    _check_transforms(document, indices, to_world_matrices, boxes)
+    _check_transforms(document, [leaves[i].index for i in distinct], to_world[distinct], boxes)
+    numbers = {keys[i]: number for number, i in enumerate(distinct)}
     corners = _bounded_corners(solids)
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle = (low + high) / 2
@@ -149,17 +147,20 @@ def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Lea
     # A leaf that cuts several media counts twice, because its faces become faces of several solids.
     uses = np.bincount(of_leaf) + np.bincount(of_leaf, cuts_several_media)
     counts = [len(s.primitive.quadrics) for s in solids]
-    if not any(counts):
-        return leaves
     solid = np.repeat(np.arange(len(solids)), counts)
     boxes = world_box_corners(solids)[solid]
     low, high = boxes.min(axis=1) - thickness, boxes.max(axis=1) + thickness
     quadrics = np.concatenate([s.primitive.quadrics for s in solids])
-    surface = same_surfaces(quadrics, np.array([s.to_world for s in solids])[solid], low, high)
+    surface = np.empty(0, int)
+    if any(counts):
+        surface = same_surfaces(quadrics, np.array([s.to_world for s in solids])[solid], low, high)
     users = np.bincount(surface, uses[solid])
     shared = np.where(users[surface] > 1, surface, -1)
     result = []
-    for s, surfaces in zip(solids, np.split(shared, np.cumsum(counts)[:-1])):
+    last = len(shared)
+    for s, surfaces, count in zip(solids, np.split(shared, np.cumsum(counts)[:-1]), uses):
+        if not len(surfaces) and count > 1:  # a mesh file, whose faces only its copies share
+            surfaces = np.arange(last, last := last + len(s.mesh().faces))
         sharing = replace(s, surfaces=surfaces) if len(surfaces) else s
         if sharing.curved_surface >= 0 and (owner := solids[solid[sharing.curved_surface]]) is not s:
             sharing = replace(sharing, facet_map=np.linalg.solve(s.to_world, owner.to_world))

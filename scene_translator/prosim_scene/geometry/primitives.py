@@ -340,16 +340,17 @@ def cone(radius: float = 0.0) -> Primitive:
 
 class Torus(Primitive):
     """A torus about z, whose tube has the radius ``radius`` and its centre at the distance 1 from z. Its only face is
-    never treated as coincident with faces of other solids.
+    curved.
     """
 
     name = "torus"
-    quadrics = np.empty((0, 4, 4))
     curved = 0
     segment_factor = math.sqrt(2)  # the chord errors around z and around the tube are added
 
     def __init__(self, radius: float = 0.25) -> None:
         self.radius = radius
+        # Not its surface, but a quadric with the same symmetries, which no torus with another decimal radius has.
+        self.quadrics = np.diag([1, 1, -math.exp(radius), -1])[None]
         self.box = np.array([1 + radius, 1 + radius, radius]) * [[-1], [1]]
         self.surface_lines = np.repeat(self.mesh(64, np.eye(4)).vertices[:, None], 2, axis=1)  # points
 
@@ -358,11 +359,12 @@ class Torus(Primitive):
         of_tube = 4 * math.ceil(segments * math.sqrt(self.radius / (1 + self.radius)) / 4)  # an equal chord error
         x, z = ((1, 0) + self.radius * circle(of_tube)).T
         around = circle(segments)[:, None] * x[:, None]
-        vertices = np.concatenate([around, np.broadcast_to(z[:, None], (segments, of_tube, 1))], axis=2)
+        vertices = np.concatenate([around, np.broadcast_to(z[:, None], (segments, of_tube, 1))], axis=2).reshape(-1, 3)
         number = np.arange(segments * of_tube).reshape(segments, of_tube)
         a, b, c, d = (np.roll(number, (-i, -j), (0, 1)).ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
         triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-        return Mesh(vertices.reshape(-1, 3), triangles, np.tile(a, 2), np.zeros(len(a), int))
+        vertices = vertices @ facet_map[:3, :3].T + facet_map[:3, 3]
+        return Mesh(vertices, triangles, np.tile(a, 2), np.zeros(len(a), int))
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         size = (1 + self.radius) * np.linalg.norm(to_world[:, :3, :3], 2, axis=(1, 2))

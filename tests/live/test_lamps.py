@@ -80,6 +80,8 @@ def test_sliders_mix_the_lamps(lamps, browser):
         assert "mix=" in page.get_attribute("#exr", "href")
         assert page.locator("#lamps output").all_inner_texts() == [f"{n:.2f}" for n in page_factors(page)]
         short = lamp.partition(".")[2]
+        labels = page.locator("#lamps label").all_inner_texts()
+        assert sorted(labels) == ["ambient", "background", f"{short}: AREA (line 4)"]
         command = page.inner_text("#command").split()
         assert command[:3] == ["prosim", "mix", "little.exr"] and {f"{short}=1,0,0", "ambient=0"} < set(command)
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])

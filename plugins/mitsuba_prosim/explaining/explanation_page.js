@@ -300,7 +300,7 @@ function showAll() {
     showNode(tree.nodes.reduce((a, b) => sum(b.contribution) > sum(a.contribution) ? b : a)); // the brightest one
 }
 
-find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
+document.title = find("title").textContent = `Pixel ${data.pixel.join(", ")} of ${data.name}`;
 find("sum").textContent = `${data.channels.join(" ")} = ${list(data.mean)}, the mean of ${data.values.length} samples (seed ${data.seed}); the image has ${data.size.join(" × ")} pixels`;
 find("command").textContent = data.command;
 for (const name of ["notes", "light", "noise"])

@@ -20,6 +20,7 @@ from ..engine.plan import Plan
 from ..photons.caustics import MAPS
 from ..sampling.hash import hash32
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES
+from ..transport import lobes
 from .recorder import HIDDEN, STATES, VISIBLE, Recorder
 
 #: Number of pairs of samples by which a share is estimated: many, because rare bright samples may have most of it.
@@ -44,10 +45,6 @@ BRIGHTER = 1.5
 MOST_DARK, MOST_CAUSES = 4, 3
 #: Points that add no light are named if they are more than this many for each sample.
 FEW = 0.05
-
-#: What else would help against the noise of a dimension if the worst light comes from a lamp with a shape: its event, a
-#: dimension -> that.
-REMEDIES = {("emission", "lobe"): ", and photons (caustics)", ("lamp", "lamp"): ", or smaller lamps"}
 
 #: Light that the recorder knows -> its name.
 LIGHTS = {
@@ -138,36 +135,34 @@ def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> t
     """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`), and what
     would reduce the noise, whose :func:`shares` are ``found``.
     """
-    amounts, transport = lights(recorder, weights), recorder.transport
-    event, lamp, name = max(amounts, key=lambda light: abs(amounts[light]))
+    amounts = lights(recorder, weights)
+    name, focused = max(amounts, key=lambda light: abs(amounts[light]))
     dimension = max(found, key=found.__getitem__, default="")
-    if not found.get(dimension, 0) >= 0.05:
-        return name, "more samples"
-    more = REMEDIES.get((event, dimension), "")
-    if more and (transport.lights.emitters[lamp].is_environment() or (event == "emission" and transport.caustics)):
-        more = ""
-    return name, DIMENSIONS[dimension][1] + more
+    advice = DIMENSIONS[dimension][1] if found.get(dimension, 0) >= 0.05 else "more samples"
+    return name, advice + ", and photons (caustics)" * (focused and dimension == "lobe")
 
 
-def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, int, str], float]:
-    """Returns the contributions of each light times the weights of the samples: the event, the number of the lamp or 0,
-    and the name, with the surface from which the light comes -> contribution.
+def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, bool], float]:
+    """Returns the contributions of each light times the weights of the samples: the name, with the surface from which
+    the light comes, and whether photons would find the light better than rays -> contribution.
     """
-    amounts = defaultdict[tuple[str, int, str], float](float)
+    amounts, caustics = defaultdict[tuple[str, bool], float](float), recorder.transport.caustics
     for event, name in LIGHTS.items():
-        keys = ("shape", "lamp") if event in ("lamp", "emission") else ("shape",)
-        for (number, *lamp), amount in recorder.sums(event, keys, weights).items():
+        keys = ("shape", "level", "lamp") if event in ("lamp", "emission") else ("shape", "level")
+        for (number, level, *lamp), amount in recorder.sums(event, keys, weights).items():
             shape = recorder.shape(number)
             way = f"by way of {shape}" if number else "that the camera sees"
-            k = min(lamp[0], len(recorder.lamps) - 1) if lamp else 0
-            amounts[event, k, name.format(shape=shape, lamp=recorder.lamps[k] if lamp else "", way=way)] += amount
+            lamp_name = recorder.lamps[min(lamp[0], len(recorder.lamps) - 1)] if lamp else ""
+            focuses = lobes.has_any(recorder.flags.get(number, 0), *lobes.SPECULAR)
+            focused = bool(event == "emission" and level > 1 and focuses and not caustics)
+            amounts[name.format(shape=shape, lamp=lamp_name, way=way), focused] += amount
     return amounts
 
 
 def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
     """Returns sentences on the light of all ``count`` samples: where it comes from, and what hides lamps."""
     amounts = Counter[str]()
-    for (*_, name), amount in lights(recorder, np.ones(count)).items():
+    for (name, _), amount in lights(recorder, np.ones(count)).items():
         amounts[name] += amount  # type: ignore[assignment]
     total = sum(amounts.values())
     most = [f"{light} ({amount / total:.0%})" for light, amount in amounts.most_common(3) if amount > 0.01 * total]
@@ -177,12 +172,14 @@ def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
 
 def hidden_points(recorder: Recorder, count: int) -> Iterator[str]:
     """Yields sentences on the points of lamps that add no light to ``count`` samples, of which there are many."""
-    groups, occluders = defaultdict[tuple[int, ...], Counter[str]](Counter), set[str]()
+    groups, clear = defaultdict[tuple[int, ...], Counter[str]](Counter), set[str]()
+    misses = recorder.transport.settings.follows_tree and not recorder.transport.caustics
     for (*place, state, by), number in recorder.sums("lamp", ("level", "shape", "lamp", "state", "occluder")).items():
         words, (_, shape, lamp) = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state], place
         if recorder.shape(shape) != recorder.lamps[lamp]:  # a convex lamp adds no light to itself
             groups[tuple(place)][words] += number
-            occluders |= {recorder.shape(by)} if state == HIDDEN else set()
+            if misses and state == HIDDEN and lobes.has_any(recorder.flags.get(by, 0), *lobes.REFRACTED):
+                clear.add(recorder.shape(by))
     darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
     seen = defaultdict[tuple[int, int], list[str]](list)
     for level, shape, lamp in sorted(darkest[:MOST_DARK]):
@@ -196,5 +193,6 @@ def hidden_points(recorder: Recorder, count: int) -> Iterator[str]:
             seen[level, shape].append(f"{points}, {', '.join(parts)}")
     for (level, shape), lamps in seen.items():
         yield f"Seen from {recorder.shape(shape)} at level {level}: {'; '.join(lamps)}."
-    if clear := sorted(occluders & recorder.clear):
-        yield f"Light of lamps through {', '.join(clear)} is missing, because a ray tree finds it only with caustics."
+    if clear:
+        through = ", ".join(sorted(clear))
+        yield f"Light of lamps through {through} is missing, because a ray tree finds it only with caustics."

@@ -43,8 +43,6 @@ STATES = "visible", "hidden", "below the surface", "on its back", "not lit", "ou
 VISIBLE, HIDDEN, BELOW, BACK, UNLIT, OUTSIDE, UNSCATTERED = range(len(STATES))
 #: The states of points whose light would be scattered if nothing were in the way.
 LIT = STATES[: HIDDEN + 1]
-#: The lobes of materials that let light through on straight or bent ways.
-CLEAR = "DeltaTransmission", "GlossyTransmission", "Null"
 #: Number of rows for which a table first has room.
 CAPACITY = 1 << 15
 #: A lamp whose direction has a smaller product of cosines counts as below the surface.
@@ -174,13 +172,9 @@ class Recorder:
         self.shapes = shape_names(transport.scene, words)
         lamps = transport.lights.emitters
         self.lamps = [lamp_name(lamp, k, self.shapes, words) for k, lamp in enumerate(lamps)]
-        #: Names of the shapes that let light through, if only caustics would find it, but are off.
-        missed = all_shapes(transport.scene) if transport.settings.follows_tree and not transport.caustics else ()
-        self.clear = {
-            self.shapes[shape_number(mi.ShapePtr(shape))]
-            for shape in missed
-            if shape.bsdf() and lobes.has_any(int(shape.bsdf().flags()), *CLEAR)
-        }
+        #: Number of a shape in Dr.Jit -> the flags of its material.
+        things = [(shape, shape.bsdf()) for shape in all_shapes(transport.scene)]
+        self.flags = {shape_number(mi.ShapePtr(shape)): int(bsdf.flags()) for shape, bsdf in things if bsdf}
         #: Number of a lamp -> the state of points that the lamp does not light.
         self.unlit = mi.UInt32([OUTSIDE if "angle = " in str(lamp) else UNLIT for lamp in lamps])
 

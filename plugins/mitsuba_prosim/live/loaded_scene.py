@@ -23,6 +23,7 @@ class LoadedScene:
 
     def __init__(self, file: SceneFile, sensor: int = 0) -> None:
         self.file, self.scene = file, file.load()
+        self.places = places(file)
         self.sensor = pick_sensor(self.scene, sensor)
         film = self.sensor.film()
         self.size = (int(film.crop_size()[0]), int(film.crop_size()[1]))
@@ -96,5 +97,5 @@ class LoadedScene:
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"
-        words = {key: line for key, (_, line) in places(self.file).items()}  # the line has the name, too
+        words = {key: line for key, (_, line) in self.places.items()}  # the line has the name, too
         return shape_names(self.scene, words).get(compat.shape_number(si.shape), "a shape without a name")

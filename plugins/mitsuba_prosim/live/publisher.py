@@ -36,6 +36,8 @@ class State:
     pictures: Mapping[str, int] = field(default_factory=dict)
     #: Names of the layers of the image "own".
     layers: tuple[str, ...] = ()
+    #: Ids of shapes and emitters -> their names and lines in the scene file.
+    names: Mapping[str, str] = field(default_factory=dict)
     #: Mean progress of the images, 0 to 1.
     progress: float = 0.0
     #: Samples per pixel and noise (RMS error, white = 1) of the image "own"; None if they are not known.

@@ -204,7 +204,8 @@ class Viewer:
             self.change(camera=None)  # the scene file has a new view
         elif self._request.camera is not None:
             scene.look(self._request.camera)
-        self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None)
+        names = {key: name for key, (name, _) in scene.places.items()}
+        self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None, names=names)
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:

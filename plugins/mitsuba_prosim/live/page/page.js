@@ -180,7 +180,8 @@ function showIntegratorLayers(names) {
         Object.assign(colour, {type: "color", id: `colour ${name}`, ariaLabel: `Colour of ${title}`});
         range.value = before.get(range.id) ?? 1;
         colour.value = before.get(colour.id) ?? "#ffffff";
-        const lamp = Object.assign(document.createElement("label"), {htmlFor: range.id, textContent: title});
+        const named = state.names[title] ?? title, known = named.startsWith(title) ? named : `${title}: ${named}`;
+        const lamp = Object.assign(document.createElement("label"), {htmlFor: range.id, textContent: known});
         lamps.append(lamp, range, Object.assign(document.createElement("output"), {value: range.value}), colour);
     }
     lamps.hidden = !lamps.children.length;

@@ -204,12 +204,16 @@ def shape_number(pointer: mi.ShapePtr) -> int:
 # Only class names distinguish these kinds of objects in Mitsuba 3.9. A test compares the names with the classes.
 
 #: Class names of shapes, a sensor and emitters.
-INSTANCE, SPHERE, PERSPECTIVE = "Instance", "Sphere", "PerspectiveCamera"
+INSTANCE, SPHERE, CYLINDER, RECTANGLE = "Instance", "Sphere", "Cylinder", "Rectangle"
+PERSPECTIVE = "PerspectiveCamera"
 CONSTANT, AREA, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "AreaLight", "DirectionalArea"
 
 #: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture
 #: coordinates in the unit square.
-MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Cylinder", "Disk", "Rectangle", "Sphere")
+MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", (CYLINDER, "Disk", RECTANGLE, SPHERE)
+
+#: Class name of the emitter that may sample only its bright parts (``mis_compensation``).
+ENVMAP = "EnvironmentMapEmitter"
 
 #: Class name of the integrator that computes further channels.
 AOV = "AOVIntegrator"
@@ -354,6 +358,56 @@ def denormals_rounded() -> Iterator[None]:
         yield
     finally:
         library.fesetenv(before)
+
+
+# ---------------------------------------------------------------- turned shapes
+# If a sphere is rotated or mirrored, Mitsuba 3.9 samples points with normals of the sphere before that, and from 90
+# degrees on `eval_parameterization` finds other points. Normals of sampled points of a mirrored cylinder, and those by
+# `eval_parameterization` of a rectangle with `flip_normals`, are on the wrong side.
+
+
+def outer_normal(shape: mi.Shape, p: mi.Point3f, n: mi.Normal3f) -> mi.Normal3f:
+    """Returns the normal that a ray meets at the sampled point ``p`` of ``shape``, whose sampled normal is ``n``."""
+    import numpy as np
+
+    if is_mirrored_cylinder(shape):
+        return -n
+    m = linear_part(shape)
+    if shape.class_name() != SPHERE or np.allclose(m, abs(m[0, 0]) * np.eye(3), rtol=0, atol=1e-6 * np.abs(m).max()):
+        return n
+    out = dr.normalize(p - mi.traverse(shape)["to_world"] @ mi.Point3f(0))
+    return mi.Normal3f(-out if shape.has_flipped_normals() else out)
+
+
+def is_mirrored_cylinder(shape: mi.Shape) -> bool:
+    """Tells whether ``shape`` is a cylinder whose transform mirrors it."""
+    import numpy as np
+
+    return shape.class_name() == CYLINDER and bool(np.linalg.det(linear_part(shape)) < 0)
+
+
+def has_unique_uv(shape: mi.Shape) -> bool:
+    """Tells whether ``shape`` is no mesh, each of its points has its own texture coordinates in the unit square, and
+    ``eval_parameterization`` finds this point.
+    """
+    import numpy as np
+
+    name, m = shape.class_name(), linear_part(shape)
+    if name == SPHERE:
+        return bool(np.linalg.eigvalsh(m + m.T).min() > 0)  # turned by less than 90 degrees
+    turned = is_mirrored_cylinder(shape) or (name == RECTANGLE and shape.has_flipped_normals())
+    return name in UNIQUE_UV and not turned
+
+
+def linear_part(thing: mi.Object) -> np.ndarray:
+    """Returns the transform of a shape or emitter without its translation, shape (3, 3); zeros if it exposes none."""
+    import numpy as np
+
+    parameters = mi.traverse(thing)
+    if "to_world" not in parameters:
+        return np.zeros((3, 3))
+    matrix = dr.detach(parameters["to_world"].matrix)  # read by elements, as that is possible within a symbolic loop
+    return np.array([[dr.slice(matrix[i, j]) for j in range(3)] for i in range(3)], dtype=float)
 
 
 # ---------------------------------------------------------------- textures

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE
-from ..light.emitter_methods import has_area, no_sample, point_sampler, sample_shape
+from ..light.emitter_methods import has_area, no_sample, point_sampler, sample_point, sample_shape
 from ..light.source import Source
 from ..registry import plugin
 
@@ -166,7 +166,7 @@ class Area(Source):
             ds.pdf = ps.pdf * dr.square(ds.dist) / dr.maximum(-dr.dot(ds.d, ds.n), 1e-30)
         else:
             varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
-            ds = (sample_shape if varies else mi.Shape.sample_direction)(self.get_shape(), it, sample, active)
+            ds = sample_shape(self.get_shape(), it, sample, active, varies)
             ds.pdf = self.pdf_shape(it, ds, ds.pdf)
         active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)
@@ -205,8 +205,10 @@ class Area(Source):
         """Samples a point; returns it, and 1 divided by its density per area, or 0 if nothing can sample the points."""
         if not self.sampler:
             return no_sample(mi.PositionSample3f), mi.Float(0)
-        sample_position = self.sample_texture if self.sampler == "texture" else self.get_shape().sample_position
-        ps = sample_position(time, sample, active)
+        if self.sampler == "texture":
+            ps = self.sample_texture(time, sample, active)
+        else:
+            ps = sample_point(self.get_shape(), time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
 
     def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:

@@ -7,23 +7,39 @@ of one scene only.
 An ``area`` with a texture samples texture coordinates, and looks for the point of the shape with these coordinates. So
 it loses light where coordinates are outside the unit square or belong to several points. Then :class:`EmitterMethods`
 samples the shape.
+
+An ``envmap`` with ``mis_compensation`` samples only its bright parts, because the rays of a path find the others. So
+half of its samples here are uniform over all directions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, MESH_ATTRIBUTE, SPHERE, UNIQUE_UV, mesh_positions, samples_elsewhere
+from ..compat import (
+    AREA,
+    ENVMAP,
+    MESH_ATTRIBUTE,
+    SPHERE,
+    has_unique_uv,
+    linear_part,
+    mesh_positions,
+    outer_normal,
+    samples_elsewhere,
+)
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 
 #: Maximum number of triangles of a mesh whose texture coordinates are examined.
 MAX_TRIANGLES = 256
+
+#: Square root of the number of directions in which an ``envmap`` is examined.
+PROBES = 32
 
 #: Fraction of light that an emitter with tilted normals must lose to cause a warning.
 MIN_TILT_LOSS = 0.01
@@ -57,7 +73,7 @@ def _has_unique_uv(shape: mi.Shape) -> bool:
     """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square; False for a mesh of
     more than :data:`MAX_TRIANGLES` triangles.
     """
-    if shape.class_name() in UNIQUE_UV:
+    if has_unique_uv(shape):
         return True
     parameters = mi.traverse(shape)
     if "vertex_texcoords" not in parameters or shape.primitive_count() > MAX_TRIANGLES:
@@ -78,10 +94,18 @@ def _has_unique_uv(shape: mi.Shape) -> bool:
     return bool(np.array_equal(overlap, own == own[:, None]))
 
 
-def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
-    """Warns of emitters on meshes whose vertex normals are tilted: Mitsuba 3.9 computes the density of a sampled point
-    by them instead of the triangle's normal, so that light sampling loses light.
+def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:
+    """Warns of emitters that Mitsuba 3.9 samples wrongly: those on meshes whose vertex normals are tilted, by which it
+    computes the density of a point instead of by the triangle's normal; and skies with a scale in their transform, as
+    it does not normalise directions.
     """
+    skies = (e for e in emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite))
+    if scaled := ", ".join(repr(name_of(e)) for e in skies if scales(e)):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: the light of {scaled} is wrong, because its to_world has a scale, perhaps by a rotation whose "
+            "axis is not of length 1: Mitsuba samples other light than it shows. Remove the scale.",
+        )
     losses = {name_of(e): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
     if tilted := {name: loss for name, loss in losses.items() if loss > MIN_TILT_LOSS}:
         names = ", ".join(f"{name!r} (about {loss:.0%})" for name, loss in tilted.items())
@@ -90,6 +114,14 @@ def warn_of_tilted_normals(emitters: Iterable[mi.Emitter]) -> None:
             f"prosim: {names} may light too little: the vertex normals of these emitters are tilted against their "
             "triangles. Load the mesh with face_normals, or remove the vertex normals from its file.",
         )
+
+
+def scales(emitter: mi.Emitter) -> bool:
+    """Tells whether the transform of ``emitter`` is no rotation and no reflection; False if it has no transform."""
+    import numpy as np
+
+    m = linear_part(emitter)
+    return bool(m.any()) and not np.allclose(m @ m.T, np.eye(3), atol=1e-3)
 
 
 def tilt_loss(shape: mi.Shape) -> float:
@@ -122,12 +154,45 @@ def name_of(emitter: mi.Emitter) -> str:
     return str((emitter.get_shape() or emitter).id())
 
 
-def sample_shape(shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool) -> mi.DirectionSample3f:
-    """Returns ``shape.sample_direction`` with texture coordinates, which Mitsuba 3.9 leaves out for a sphere."""
+def sample_shape(
+    shape: mi.Shape, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool, with_uv: bool = True
+) -> mi.DirectionSample3f:
+    """Returns ``shape.sample_direction`` with the outer normal and, if ``with_uv``, with the texture coordinates, which
+    Mitsuba 3.9 leaves out for a sphere.
+    """
     ds = shape.sample_direction(it, sample, active)
-    if shape.class_name() == SPHERE:
+    if with_uv and shape.class_name() == SPHERE:
         ds.uv = shape.ray_intersect(mi.Ray3f(it.p, ds.d), +mi.RayFlags.All, active).uv
+    ds.n = outer_normal(shape, ds.p, ds.n)
     return ds
+
+
+def sample_point(shape: mi.Shape, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
+    """Returns ``shape.sample_position`` with the outer normal."""
+    ps = shape.sample_position(time, sample, active)
+    ps.n = outer_normal(shape, ps.p, ps.n)
+    return ps
+
+
+def omits_directions(emitter: mi.Emitter) -> bool:
+    """Tells whether ``emitter`` does not sample all directions in which it shines (``mis_compensation``)."""
+    if emitter.class_name() != ENVMAP:
+        return False
+
+    def omitted(i: mi.UInt32) -> mi.Bool:
+        si, ds = dr.zeros(mi.SurfaceInteraction3f), no_sample(mi.DirectionSample3f)
+        row = dr.floor(mi.Float(i) / PROBES)
+        point = (mi.Point2f(mi.Float(i) - row * PROBES, row) + 0.5) / PROBES
+        ds.d = mi.warp.square_to_uniform_sphere(point)
+        si.wi = -ds.d
+        if mi.is_spectral:
+            si.wavelengths += 550
+        shines = dr.max(mi.unpolarized_spectrum(emitter.eval(si))) > 0
+        return shines & (emitter.pdf_direction(si, ds) == 0)
+
+    if dr.is_jit_v(mi.Float):
+        return bool(dr.any(omitted(dr.arange(mi.UInt32, PROBES**2))))
+    return any(map(omitted, range(PROBES**2)))
 
 
 class EmitterMethods:
@@ -140,10 +205,12 @@ class EmitterMethods:
         #: The object that samples each emitter, which is the emitter or its shape; and the :func:`point_sampler`.
         self.samplers: dict[mi.Emitter, tuple[mi.Emitter | mi.Shape, str]] = {}
         for one in emitters:
-            by, varies = point_sampler(one), mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
+            by = point_sampler(one)
             if by or not mi.has_flag(one.flags(), mi.EmitterFlags.Surface):
-                by_shape = by == "shape" and varies and one.class_name() == AREA
+                by_shape = by == "shape" and one.class_name() == AREA
                 self.samplers[one] = one.get_shape() if by_shape else one, by
+        #: The emitters that do not sample all their directions.
+        self.partial = [one for one in self.samplers if omits_directions(one)]
 
     def _call(self, emitter: Emitter, function: Callable[..., Any], otherwise: Any, *args: Any) -> Any:
         """Returns ``function(emitter, sampler, *args)`` for the emitter of each lane, or ``otherwise``."""
@@ -162,14 +229,31 @@ class EmitterMethods:
         def drawn(
             one: mi.Emitter, sampler: Any, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
         ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+            if one in self.partial:
+                return self._mixed(one, it, sample, active)
             if sampler is one:
                 return one.sample_direction(it, sample, active)
-            ds = sample_shape(sampler, it, sample, active)
+            varies = mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
+            ds = sample_shape(sampler, it, sample, active, varies)
             ds.emitter = mi.EmitterPtr(one) if dr.is_jit_v(mi.Float) else one
             lit = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
             return ds, dr.select(lit, one.eval_direction(it, ds, lit) / dr.select(lit, ds.pdf, 1), 0)
 
         return self._call(emitter, drawn, (no_sample(mi.DirectionSample3f), mi.Spectrum(0)), it, sample, active)
+
+    def _mixed(
+        self, one: mi.Emitter, it: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Samples ``one``, which is infinitely far away, or a uniform direction, each with the probability 1/2."""
+        own = sample.x < 0.5
+        point = mi.Point2f(2 * sample.x - dr.select(own, mi.Float(0), 1), sample.y)
+        ds, _ = one.sample_direction(it, point, active)
+        ds.d = dr.select(own, ds.d, mi.warp.square_to_uniform_sphere(point))
+        ds.p, ds.n = it.p + ds.d * ds.dist, -ds.d
+        ds.pdf = self.pdf_direction(one, it, ds, active)
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.wi, si.wavelengths = -ds.d, it.wavelengths
+        return ds, dr.select(active, one.eval(si, active) / ds.pdf, 0)
 
     def pdf_direction(
         self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
@@ -180,6 +264,8 @@ class EmitterMethods:
             one: mi.Emitter, sampler: Any, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
         ) -> mi.Float:
             pdf = sampler.pdf_direction(it, ds, active)
+            if one in self.partial:
+                return 0.5 * (pdf + mi.warp.square_to_uniform_sphere_pdf(ds.d))
             return pdf if sampler is one else dr.select(dr.dot(ds.d, ds.n) < 0, pdf, 0)
 
         return self._call(emitter, density, mi.Float(0), it, ds, active)
@@ -188,8 +274,9 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-            ps = sampler.sample_position(0.0, sample, active)
-            return ps[0] if sampler is one else ps
+            if sampler is one:
+                return one.sample_position(0.0, sample, active)[0]
+            return sample_point(sampler, 0.0, sample, active)
 
         return self._call(emitter, drawn, no_sample(mi.PositionSample3f), sample, active)
 

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..light.emitter_methods import warn_of_tilted_normals
+from ..light.emitter_methods import warn_of_wrong_light
 from ..masks import but_not
 from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
@@ -98,7 +98,7 @@ class InnerIntegrator:
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
         warn_of_lost_light(scene)
-        warn_of_tilted_normals(scene.emitters())
+        warn_of_wrong_light(scene.emitters())
         self.integrator, self.scene, self.medium = integrator, scene, medium
         #: Names of the AOVs that a call returns after the radiance and the hit.
         self.aov_names = list(integrator.aov_names())

@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..light.emitter_methods import warn_of_tilted_normals
+from ..light.emitter_methods import warn_of_wrong_light
 from ..light.table import Lights
 from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
@@ -46,7 +46,7 @@ class Context:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
-        warn_of_tilted_normals(scene.emitters())
+        warn_of_wrong_light(scene.emitters())
         #: Gets the values of :meth:`observe`; None except in the explanation of a pixel.
         self.observer: Callable[..., None] | None = None
         self.scene, self.settings, self.attached = scene, settings, attached

@@ -31,7 +31,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, is_mirrored_cylinder
 from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
 from ..optics.nested import Leaf, all_within, leaves, parts
@@ -48,7 +48,11 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
     lost = [
         name_of(e)
         for e in scene.emitters()
-        if e.class_name() == AREA and point_sampler(e) != ("texture" if mi.has_flag(e.flags(), varies) else "shape")
+        if e.class_name() == AREA
+        and (
+            point_sampler(e) != ("texture" if mi.has_flag(e.flags(), varies) else "shape")
+            or is_mirrored_cylinder(e.get_shape())
+        )
     ]
     if lost:
         mi.Log(

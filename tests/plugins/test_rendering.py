@@ -62,6 +62,23 @@ def test_black_light_is_light_in_spectral_variants_too(variant_spectral):
     assert np.array(mi.render(mi.load_dict(scene), spp=4)).max() > 0
 
 
+@pytest.mark.parametrize(
+    "size, aovs, measure, most",
+    [
+        ((8000, 6000), "", None, "40.8"),
+        ((6000, 4500), "", "halves", "20.4"),
+        ((6000, 4500), "d:depth,n:sh_normal", None, "20.4"),
+    ],
+    ids=["wide filter", "two halves", "many channels"],
+)
+def test_image_with_too_many_sums_is_refused_in_words(variant_rgb, size, aovs, measure, most):
+    scene = penumbra(rfilter="gaussian", type="prosim", aovs=aovs)
+    scene["sensor"]["film"].update(width=size[0], height=size[1])
+    scene = mi.load_dict(scene)
+    with pytest.raises(ValueError, match=rf"{size[0]} x {size[1]} pixels are too many .* {most} million.* crops"):
+        scene.integrator().progressive(scene, measure=measure)
+
+
 def test_a_frozen_function_is_refused(variant_rgb):
     scene = mi.load_dict(penumbra(size=4, type="prosim"))
 

@@ -16,7 +16,7 @@ from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
 from .goal import Measure, Pass, goal_of
 from .image import Image, SecondImage, concentration
-from .plan import Plan
+from .plan import Plan, area
 from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
@@ -54,6 +54,18 @@ class Reached(NamedTuple):
         return self.tiny_lamp or self.noise_at_most > UNCERTAIN * self.noise
 
 
+def check_size(plan: Plan, estimator: Estimator, halves: int) -> None:
+    """Raises ValueError if the sums of the pixels of ``halves`` images exceed the size of a Dr.Jit array."""
+    # A twentieth is left for the pixels around the image that decide, and for those of a second image that measures.
+    left, top, right, bottom = plan.window
+    most = 0.95 * 2**32 / estimator.sums_per_pixel / halves
+    if area(plan.region) > most:
+        raise ValueError(
+            f"{right - left} x {bottom - top} pixels are too many for one image: with this filter and these channels, "
+            f"it can have {most / 1e6:.3g} million; render crops of the film, or take a box filter or fewer channels"
+        )
+
+
 class Render(Steps):
     """A progressive render of the image ``plan``, or of the ``part`` of this image: an iterator over :class:`Step`
     objects.
@@ -67,7 +79,7 @@ class Render(Steps):
     ``measure`` measures the error of the denoised image, see :func:`.goal_of`; None without a denoiser.
 
     Raises ValueError if the checkpoint ``begin`` belongs to another image, or cannot be continued with the policy of
-    ``plan`` (:meth:`.Checkpoint.restore`).
+    ``plan`` (:meth:`.Checkpoint.restore`), and if the image has too many pixels (:func:`check_size`).
     """
 
     def __init__(
@@ -79,6 +91,7 @@ class Render(Steps):
         part: Part | None = None,
         measure: Measure | None = None,
     ) -> None:
+        check_size(plan, estimator, halves=1 if measure is None else 2)
         self.state = Image(plan, estimator, part if begin is None else begin.part)
         self.executor = executor or Executor()
         elapsed = 0.0 if begin is None else begin.attributes["seconds"]

@@ -226,7 +226,7 @@ def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene, tmp_path):
 def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
     mi.load_dict({"type": "cube"}).write_ply(str(tmp_path / "box.ply"))
     mesh = {"type": "ply", "filename": str(tmp_path / "box.ply")}
-    assert recorder.name_of(mi.load_dict(mesh), 7, {}) == "PLYMesh box.ply"
+    assert recorder.name_of(mi.load_dict(mesh), 7, {}) == "box.ply"
     assert recorder.name_of(mi.load_dict({"type": "sphere"}), 7, {}) == "Sphere 7"
 
 
@@ -434,7 +434,7 @@ def test_points_of_lamps_that_add_no_light_say_why(variant_rgb, name):
     assert [(one.state, one.occluder) for one in told.nodes[0].lamps] == [(state, occluder)]
     words = f"hidden by {occluder}" if state == "hidden" else state
     said = f"Seen from floor at level 0: of 4 points of lamp, 4 {words}."
-    missing = "Light of lamps through plate is missing, because a ray tree finds it only with caustics."
+    missing = "Light of lamps through plate is missing, because only caustics find it."
     assert told.light[1:] == (said,) * (state != "visible") + (missing,) * (name == "glass")
 
 

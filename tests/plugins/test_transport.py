@@ -41,6 +41,24 @@ def test_an_instance_looks_as_what_it_is_of(variant_scalar):
     assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
 
 
+@pytest.mark.parametrize("bsdf", ["conductor", "dielectric", "principled"])
+def test_shapes_of_a_group_need_no_ids(variant_rgb, bsdf):
+    """The light of a tree's mirror, glass and so on was missing if another shape of the group had no id, either."""
+
+    def image(ids):
+        ball, card = (f'<shape type="{kind}" {name}>{{}}</shape>' for kind, name in zip(("sphere", "rectangle"), ids))
+        card = card.format('<transform name="to_world"><translate x="1.5"/></transform>')
+        group = f'<shape type="shapegroup" id="g">{ball.format(f"""<bsdf type="{bsdf}"/>""")}{card}</shape>'
+        text = f"""<scene version="3.0.0"><integrator type="prosim"><integer name="max_level" value="3"/></integrator>
+            {group}<shape type="instance"><ref id="g"/></shape><emitter type="constant"/><sensor type="perspective">
+            <transform name="to_world"><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+            <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor>
+            </scene>"""
+        return np.array(mi.render(mi.load_string(text), spp=4, seed=1))
+
+    assert np.array_equal(image(("", "")), image(('id="ball"', 'id="card"')))
+
+
 def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
     for bsdf, expected in ((LAMBERTIAN, 0), ({"type": "twosided", "b": LAMBERTIAN}, 0.5)):
         scene = card(bsdf, integrator={"type": "prosim", "ambient": 1.0, "max_level": 0})

@@ -116,7 +116,7 @@ def sentences(
         return ("All samples are equal, so the pixel has no noise.",)
     order = sorted(found, key=found.__getitem__, reverse=True)
     carried = [f"{DIMENSIONS[name][0]} ({found[name]:.0%})" for name in order if found[name] >= 0.05]
-    times = f"{brighter:.2g} times as bright as" if brighter < 1000 else "much brighter than"
+    times = f"{brighter:.2g} times as bright as" if brighter < 99 else "much brighter than"
     which, (light, remedy) = f"the {count} samples" if count > 1 else "the sample", worst(found, recorder, weights)
     # The shares come from other samples than those that the page shows, which may lack rare bright ones.
     by = f"What carries the variance, by {PAIRS:,} pairs of further samples"
@@ -173,12 +173,15 @@ def origins(recorder: Recorder, count: int) -> tuple[str, ...]:
 def hidden_points(recorder: Recorder, count: int) -> Iterator[str]:
     """Yields sentences on the points of lamps that add no light to ``count`` samples, of which there are many."""
     groups, clear = defaultdict[tuple[int, ...], Counter[str]](Counter), set[str]()
-    misses = recorder.transport.settings.follows_tree and not recorder.transport.caustics
+    transport = recorder.transport
     for (*place, state, by), number in recorder.sums("lamp", ("level", "shape", "lamp", "state", "occluder")).items():
         words, (_, shape, lamp) = f"hidden by {recorder.shape(by)}" if state == HIDDEN else STATES[state], place
         if recorder.shape(shape) != recorder.lamps[lamp]:  # a convex lamp adds no light to itself
             groups[tuple(place)][words] += number
-            if misses and state == HIDDEN and lobes.has_any(recorder.flags.get(by, 0), *lobes.REFRACTED):
+            emitter = transport.lights.emitters[lamp]
+            met = emitter.get_shape() is not None or emitter.is_environment()  # by rays of paths
+            missed = state == HIDDEN and not (transport.caustics or (met and not transport.settings.follows_tree))
+            if missed and lobes.has_any(recorder.flags.get(by, 0), *lobes.REFRACTED):
                 clear.add(recorder.shape(by))
     darkest = sorted(groups, key=lambda place: groups[place][STATES[VISIBLE]] - groups[place].total())
     seen = defaultdict[tuple[int, int], list[str]](list)
@@ -195,4 +198,4 @@ def hidden_points(recorder: Recorder, count: int) -> Iterator[str]:
         yield f"Seen from {recorder.shape(shape)} at level {level}: {'; '.join(lamps)}."
     if clear:
         through = ", ".join(sorted(clear))
-        yield f"Light of lamps through {through} is missing, because a ray tree finds it only with caustics."
+        yield f"Light of lamps through {through} is missing, because only caustics find it."

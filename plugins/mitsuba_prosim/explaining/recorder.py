@@ -375,16 +375,15 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
 
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
-    """Returns the name of a shape or emitter: from ``words``, its id, or its class with its file or its ``number``, and
+    """Returns the name of a shape or emitter: from ``words``, its id, its file, or its class and ``number``, and
     its material from ``words``. Meshes that Mitsuba has merged have several files.
     """
     key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
     if key and not key.startswith("__"):
         return words.get(key, key)
-    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", str(thing)) or [str(number)]
-    files = read.split(" + ")
-    own = f"{thing.class_name()} {', '.join(files[:3])}" + ", ..." * (len(files) > 3)
-    return own + (f" of {material}" if material else "")
+    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", str(thing)) or [f"{thing.class_name()} {number}"]
+    first, *others = read.split(" + ")
+    return first + ", ..." * bool(others) + (f" of {material}" if material else "")
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:

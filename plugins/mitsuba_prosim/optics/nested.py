@@ -28,13 +28,16 @@ def _callback(variant: str) -> type:
             self.found: dict[str, Any] = {}
 
         def put(self, name: str, value: Any, flags: Any, *_: Any) -> None:
-            self.found[name] = value
+            # The shapes of a group, or other parts, have equal names if they have no ids.
+            self.found[f"{name} {len(self.found)}" if name in self.found else name] = value
 
     return Parts
 
 
 def parts(thing: mi.Object) -> dict[str, Any]:
-    """Returns the parameters and child objects of ``thing``, by their names in ``mi.traverse``."""
+    """Returns the parameters and child objects of ``thing``, by their names in ``mi.traverse``; another one with the
+    name of an earlier one has a number after this name.
+    """
     callback = _callback(mi.variant())()
     thing.traverse(callback)
     return callback.found

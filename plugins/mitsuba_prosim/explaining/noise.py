@@ -92,7 +92,7 @@ class Points:
 
 def shares(luminance: np.ndarray) -> dict[str, float]:
     """Returns the share of each of the :data:`DIMENSIONS` in the variance of the ``luminance`` of further samples, of
-    which the last :data:`PAIRS` differ from the others in one dimension each. The result is empty if they are equal.
+    which the last :data:`PAIRS` differ from the others in one dimension each. The result is empty if all are equal.
     """
     *others, last = luminance.reshape(-1, PAIRS)
     variance = float(last.var())

@@ -95,9 +95,9 @@ def _has_unique_uv(shape: mi.Shape) -> bool:
 
 
 def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:
-    """Warns of emitters that Mitsuba 3.9 samples wrongly: those on meshes whose vertex normals are tilted, by which it
-    computes the density of a point instead of by the triangle's normal; and skies with a scale in their transform, as
-    it does not normalise directions.
+    """Warns of emitters that Mitsuba 3.9 samples wrongly. On a mesh with tilted vertex normals, Mitsuba computes the
+    density of a point by these normals instead of the triangle's normal. In a sky whose transform has a scale, Mitsuba
+    does not normalise directions.
     """
     skies = (e for e in emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite))
     if scaled := ", ".join(repr(name_of(e)) for e in skies if scales(e)):

@@ -175,9 +175,9 @@ def kernel_radii(p: mi.Point3f, footprint: Footprint) -> mi.Float:
     smallest of ``footprint.radii`` with at least about :data:`MIN_NEIGHBOURS` photons within the radius, or the
     greatest.
 
-    It is greater where photons are sparse, because a single photon with a small radius would make an isolated bright
-    pixel (Silverman 1986, chapter 5). The neighbours are counted in all photon maps together, so that the radius hardly
-    depends on the photons of one map.
+    The radius is greater where photons are sparse, because a single photon with a small radius would make an isolated
+    bright pixel (Silverman 1986, chapter 5). The neighbours are counted in all photon maps together, so that the radius
+    hardly depends on the photons of one map.
     """
     width = footprint.width(p)
     result = mi.Float(width)

@@ -95,7 +95,7 @@ class BSDF(Tests):
         self.report.unit("sampled directions", q.wo, q.where, on=q.valid)
 
     def test_weights(self, bsdf: Any) -> None:
-        """weight = eval() / pdf(), and eval_pdf() and eval_pdf_sample() agree with the others, in each context."""
+        """weight = eval() / pdf(), and eval_pdf() and eval_pdf_sample() agree with eval(), pdf() and sample()."""
         importance, kinds = mi.BSDFContext(mi.TransportMode.Importance), int(mi.BSDFFlags.All)
         for name, ctx, flags in [*contexts(bsdf, mi.BSDFContext), ("importance, ", importance, bsdf.flags())]:
             q = Queries(bsdf, ctx)

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import sys
+import time
 from contextlib import ExitStack
 
 import mitsuba as mi
@@ -15,7 +16,7 @@ from mitsuba_prosim import atomic
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.interrupts import interruptible
 from mitsuba_prosim.engine.plan import Plan
-from mitsuba_prosim.scene import rendering, session
+from mitsuba_prosim.scene import images, rendering, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, pixels, prosim, refused, scene_text
 from waiting import started, until
 
@@ -208,6 +209,14 @@ def test_the_report_says_what_ended_it(noisy):
         (["--noise", 1e-6, "--time", 0.2], "time", "reached the time limit at error "),
     ]:
         assert says in done("render", noisy, *options).stdout and metadata(noisy)["ended"] == ended
+
+
+def test_time_of_the_report_excludes_encoding(noisy, monkeypatch):
+    now, encode, late = time.perf_counter, images.encode, []
+    monkeypatch.setattr("time.perf_counter", lambda: now() + 1e6 * len(late))
+    monkeypatch.setattr(images, "encode", lambda *of: (late.append(1), encode(*of))[1])
+    printed = done("render", noisy, "--time", 1000, "--max-samples", 20).stdout
+    assert late and float(re.search(r"([\d.]+) s of 1000", printed)[1]) < 1000
 
 
 def test_time_limit_reports_an_upper_bound_of_the_error(noisy, variant_rgb):

@@ -342,11 +342,12 @@ def finished_image(
     if final is not None:
         added = report.denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
+    line = report.summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
     exposure = job.exposure or 0.0
     why_black = black.reason(task.scene, task.sensor, images.colours(bitmap), exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
     contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
-    return {**contents}, [report.summary(render, final, interrupted, task.integrator, task.file)], why_black
+    return {**contents}, [line], why_black
 
 
 def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:

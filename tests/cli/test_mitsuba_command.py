@@ -219,7 +219,17 @@ def test_ctrl_c_ends_at_once(tmp_path, plugins, monkeypatch):
     assert not (tmp_path / "scene.exr").exists()
 
 
-def test_an_error_is_that_of_the_native_command(capsys, monkeypatch):
+def test_an_error_is_that_of_the_native_command(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(mi, "set_log_level", lambda _: None)
-    assert hosted.main("nrook", "-m", "llvm_wrong") == 255
-    assert "Caught a critical exception" in capsys.readouterr().err
+    (tmp_path / "scene.xml").write_text(scene_text(sampler="nrook"))
+    missing = str(tmp_path / "missing")
+    for arguments, says in [
+        (("-m", "llvm_wrong"), "llvm_wrong"),
+        (
+            (f"{tmp_path}/scene.xml", "-m", "scalar_rgb", "-o", f"{missing}/a.exr"),
+            f"{missing}: no image can be written",
+        ),
+    ]:
+        assert hosted.main("nrook", *arguments) == 255
+        error = capsys.readouterr().err
+        assert "Caught a critical exception" in error and says in error

@@ -192,6 +192,14 @@ async def test_a_document_that_is_not_open_has_no_answers(editor):
     assert not any(one.diagnostics for one in editor.published if one.uri == other.uri)
 
 
+async def test_too_large_document_is_reported_and_has_no_answers(editor):
+    text = SCENE + "#" * 2**22
+    (error,) = await opened(editor, text)
+    assert error.message.startswith("the file is larger than 4 MiB") and error.range.start == lsp.Position(0, 0)
+    assert await editor.text_document_hover_async(lsp.HoverParams(DOCUMENT, position(text, "raio", 1))) is None
+    assert await editor.text_document_document_symbol_async(lsp.DocumentSymbolParams(DOCUMENT)) == []
+
+
 async def test_uris_may_have_escapes(editor):
     uri = "file:///nowhere/um%20copo%20d%27%C3%A1gua%2525.scn"
     (error,) = await opened(editor, SCENE.replace("ks 0", "ks 2"), uri)

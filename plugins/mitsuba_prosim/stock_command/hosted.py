@@ -59,6 +59,9 @@ def run(plugin: str, words: Sequence[str]) -> None:
             state = scene_file.parse(path, parameters)
             started = started or plugin in {node.props.plugin_name() for node in state.nodes}
             if started:
+                target = os.path.dirname(options.output or path) or "."
+                if not os.access(target, os.W_OK):  # Mitsuba would lose the image without a message
+                    raise OSError(f"{target}: no image can be written there")
                 scene = scene_file.instantiate(state)
                 sensor = scene_file.pick_sensor(scene, options.sensor)
                 scene.integrator().render(scene, sensor, develop=True, evaluate=True)

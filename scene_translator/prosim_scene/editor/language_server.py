@@ -24,6 +24,7 @@ try:
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
+from ..language.analysis import SIZE_LIMIT, too_large
 from ..language.diagnostics import Problem, SceneError
 from ..language.formatter import format
 from .evaluation import evaluate_in_process
@@ -36,10 +37,13 @@ DELAY = 0.03
 
 
 class OpenDocument:
-    """A version of an open document; ``pending`` is the task or timer that will publish more diagnostics."""
+    """A version of an open document, as empty if it is too large; ``pending`` is the task or timer that will publish
+    more diagnostics.
+    """
 
     def __init__(self, document: TextDocument) -> None:
-        self.uri, self.version, self.text = document.uri, document.version, document.source
+        self.uri, self.version, self.is_large = document.uri, document.version, len(document.source) > SIZE_LIMIT
+        self.text = "" if self.is_large else document.source
         self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
         # The text is changed as in a file that is read, but all offsets stay the same: a lone CR becomes LF, CR LF is
         # kept, and a byte order mark becomes a space that has as many code units.
@@ -51,7 +55,10 @@ class OpenDocument:
     @cached_property
     def symbols(self) -> Symbols:
         """The symbols of the document. The first use of this property analyses the text of the document."""
-        return Symbols(self.scene_text, self.filename)
+        symbols = Symbols(self.scene_text, self.filename)
+        if self.is_large:
+            symbols.diagnostics[:] = [too_large(self.filename)]
+        return symbols
 
     def offset(self, position: lsp.Position) -> int:
         """Converts an LSP position to an offset; beyond the end of its line or text, that end."""

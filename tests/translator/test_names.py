@@ -72,7 +72,6 @@ def test_frame_and_time_have_values_of_their_own():
     assert prosim_scene.parse(text, define={"frame": 12}).view.eye == (12, 0.5, 1)
     assert prosim_scene.parse(text, define={"frame": 12, "time": 3}).view.eye == (12, 3, 1)
     assert prosim_scene.parse(f"DEFAULT $frame 6 {text}").view.eye == (6, 0.25, 1)
-    assert prosim_scene.parse("END", define={"frame": 12, "time": 3}).view.eye == (0, 0, 20)
 
 
 def test_names_stand_for_words_of_all_kinds():
@@ -115,6 +114,7 @@ def test_each_error_names_its_place_and_the_name(line, define, column, words):
     "define, words",
     [
         ({"turm": 3}, "does not use .turm, .*did you mean '.turn'"),
+        ({"frame": 3}, "does not use .frame, which -D frame=3"),
         ({"turn": math.nan}, "turn = nan is not a value"),
         ({"a-b": 1}, "'a-b' cannot be a name"),
     ],

@@ -105,9 +105,9 @@ class Definitions:
         return float(text)
 
     def check_uses(self) -> None:
-        """After the whole text, raises SceneError for an unused definition, except ``$frame`` and ``$time``."""
+        """After the whole text, raises SceneError for an unused definition."""
         for name, text in self.caller_values.items():
-            if name not in self.uses | self.defaults.keys() | {FRAME, TIME}:
+            if name not in self.uses | self.defaults.keys():
                 used = [f"${other}" for other in sorted(self.uses | self.defaults.keys())]
                 names = f"it has {listing(used, 'and')}{nearest('$' + name, used)}" if used else "it uses no $names"
                 reason = f"the scene does not use ${name}, which -D {name}={text} or define sets; {names}"

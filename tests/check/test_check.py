@@ -158,6 +158,8 @@ def test_check_of_image_without_light_tests_no_light(plugin):
     [
         (["dffuse"], "Did you mean diffuse?"),
         (["diffuse", "-p", "x=1"], "diffuse has no parameter x"),
+        *[(["diffuse", "-p", f"reflectance={text}"], "got string") for text in ("null", "[1]", "a,b,c")],
+        (["bitmap"], "this bitmap has no filename, which it needs"),
         (["missing.xml"], "no such file"),
         (["diffuse", "--import", "no_such_module"], "no_such_module"),
         (["<bsdf type='diffuse'/>", "-p", "x=1"], "into the XML"),

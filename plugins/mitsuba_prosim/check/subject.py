@@ -93,6 +93,7 @@ class Subject:
             plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
             defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
             state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
+        scene_file.check_parameters(state)
         mi.parser.transform_resolve_references(config, state)
         return state
 

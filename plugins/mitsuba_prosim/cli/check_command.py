@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -88,9 +89,9 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
 
 def value(text: str) -> Any:
     """Converts the text of a parameter: a number, true or false, a colour R,G,B, a dictionary in JSON, or a text."""
-    if text.count(",") == 2 and not text.startswith("{"):
-        return {"type": "rgb", "value": [float(part) for part in text.split(",")]}
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text
+    with suppress(ValueError):
+        if text.count(",") == 2 and not text.startswith("{"):
+            return {"type": "rgb", "value": [float(part) for part in text.split(",")]}
+        if isinstance(parsed := json.loads(text), (int, float, dict)):
+            return parsed
+    return text

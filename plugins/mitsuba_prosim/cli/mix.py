@@ -23,7 +23,7 @@ from .render_task import SUFFIXES
 ROUNDING = 0.01
 
 EXAMPLES = "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more"
-FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(\w+=[\d.,]+)", parse_factor)
+FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(.+=[\d.,]*\d[\d.,]*)", parse_factor)
 
 
 @click.command(cls=Command)

@@ -206,8 +206,8 @@ def parse(
     """Returns the state of Mitsuba's parser after an XML scene file.
 
     ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about a constant
-    that the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and for plugins
-    whose parameters would end the process; and the errors of the parser.
+    that the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and the errors of
+    :func:`check_parameters` and of the parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -217,6 +217,12 @@ def parse(
     config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = unused
     state = mi.parser.parse_file(config, str(path), **parameters)
+    check_parameters(state)
+    return state
+
+
+def check_parameters(state: mi.parser.ParserState) -> None:
+    """Raises ValueError for the first plugin of a parsed scene whose parameters would end the process."""
     for node in state.nodes:
         props, plugin, wrong = node.props, node.props.plugin_name(), ""
         if (needed := compat.REQUIRED.get(plugin)) and not any(name in props for name in needed):
@@ -225,7 +231,6 @@ def parse(
             wrong = f"sample_count is {count} in the sampler {plugin}; give 1 or more"  # Mitsuba would divide by it
         if wrong:
             raise ValueError(f"At {mi.parser.file_location(state, node)}: {wrong}")
-    return state
 
 
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:

@@ -76,15 +76,6 @@ def test_keyboard_chooses_samples_and_nodes(page):
     )
 
 
-def test_brightest_further_sample_is_shown_like_a_sample(page):
-    """The page of a copy of the data, in which another tree is that of a further sample."""
-    page.evaluate("data.trees[1].sample = data.values.length; showAll()")
-    page.locator("#list button", has_text="the brightest further sample: ").click()
-    assert page.evaluate("tree === data.trees[1]") and page.locator("#patterns [fill=none]").count() == 0
-    light = page.evaluate("list(total(tree.nodes))")
-    assert page.text_content("#sample") == f"the brightest further sample: {light}"
-
-
 def test_view_from_outside_turns_by_mouse_and_keys(page):
     shown = "find('outside').toDataURL()"
     before = page.evaluate(shown)

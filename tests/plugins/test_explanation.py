@@ -370,14 +370,9 @@ def test_noise_names_samples_that_are_brighter_than_those_explained(variant_rgb)
     """Of eight explanations by one sample each, some see the lamp and others do not."""
     scene = mi.load_dict(penumbra(None, 512, type="prosim"))
     taken = [Samples(scene, ALONE["lamp"][1], 1, seed=seed) for seed in range(8)]
-    explained = [samples.explanation() for samples in taken]
-    told = [" ".join(one.noise) for one in explained]
-    dark = [not any(one.mean) for one in explained]
+    told = [" ".join(samples.explanation().noise) for samples in taken]
+    dark = [not samples.values.any() for samples in taken]
     assert ["much brighter than any sample here" in said for said in told] == dark and 0 < sum(dark) < 8
-    for samples, one in zip(taken, explained):  # the nodes of that sample, and its place among the trees of the page
-        assert bool(one.further) == (one.trees().keys() == {0, 1}) == (not any(one.mean))
-        light = samples.brighter * max(np.sum(one.mean), 1e-30)
-        assert not one.further or np.sum([n.contribution for n in one.further]) == pytest.approx(light, rel=1e-5)
 
 
 def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):

@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from html import escape
@@ -62,8 +61,6 @@ class Explanation:
     #: Index of the explained sample, and the nodes of its tree or path, whose contributions sum to its value.
     sample: int
     nodes: tuple[Node, ...] = field(repr=False)
-    #: The nodes of the brightest of the further samples by which the shares are estimated, if it is much brighter.
-    further: tuple[Node, ...] = field(repr=False)
     #: Sentences on the light: where it comes from, and which shapes hide lamps.
     light: tuple[str, ...]
     #: Dimension of the random numbers -> its share in the variance (:mod:`.noise`); and sentences on the noise.
@@ -80,14 +77,8 @@ class Explanation:
 
     def _repr_html_(self) -> str:
         """Returns the page of this explanation, without the image, within a frame for a notebook."""
-        page = explanation_page.html(asdict(self), self.trees(), **self.drawing)
+        page = explanation_page.html(asdict(self), {self.sample: self.nodes}, **self.drawing)
         return f'<iframe srcdoc="{escape(page)}" style="width: 100%; height: 50rem; border: 0"></iframe>'
-
-    def trees(self) -> dict[int, tuple[Node, ...]]:
-        """Returns number of a sample -> its nodes, for the explained sample and the brightest further sample. The
-        numbers of further samples follow those of the pixel's samples.
-        """
-        return {self.sample: self.nodes} | ({len(self.values): self.further} if self.further else {})
 
 
 def explain(
@@ -126,7 +117,7 @@ def explain(
         loaded, names = (scene, None) if file is None else (file.load(), places(file))
         samples = Samples(loaded, pixel, spp, sensor, integrator, seed, names)
         told = samples.explanation(sample)
-        return replace(told, drawing=samples.drawing(told.trees()))
+        return replace(told, drawing=samples.drawing({told.sample: told.nodes}))
 
 
 class Samples:
@@ -190,7 +181,7 @@ class Samples:
             if caustics is not None:
                 caustics.use_pass(self.plan.photon_seed, first // size, self.plan.n)
             t = np.arange(first, min(first + size, count))
-            own, *others = self._take(self.recorder, noise.OWN, lanes(noise.OWN, t, *self.where), *more)
+            own, *others = self._take(lanes(noise.OWN, t, *self.where), *more)
             values.append(own)
             found, more = others or found, []
         #: The values of all samples, shape (samples, channels), their luminance, and the :func:`.noise.shares`.
@@ -199,24 +190,15 @@ class Samples:
         #: A coarse image, shape (height, width, channels), if it was wanted.
         self.preview = found[1][:, 1:].reshape(*pixels[0].shape, -1).mean(axis=2) if pixels else None
         light = found[0][-noise.PAIRS :, 1:].sum(axis=1)
-        #: Ratio of the brightest of the further samples to the brightest of the pixel, and its nodes if it is great.
+        #: Ratio of the brightest of the further samples to the brightest of the pixel.
         self.brighter = float(light.max()) / max(float(self.values.sum(axis=1).max()), 1e-30)
-        self.further: tuple[Node, ...] = ()
-        if self.brighter > noise.BRIGHTER:
-            if caustics is not None:
-                caustics.use_pass(self.plan.photon_seed, 0, self.plan.n)
-            recorder, brightest = copy(self.recorder), int(light.argmax())
-            recorder.tables = []
-            # A second lane, because Dr.Jit would compile another kernel for a single one.
-            self._take(recorder, noise.FURTHER, lanes(np.array([noise.FURTHER, noise.OWN]), brightest, *self.where))
-            self.further = recorder.nodes(brightest)
 
-    def _take(self, recorder: Recorder, recorded: int, *blocks: np.ndarray) -> list[np.ndarray]:
-        """Takes the samples of :func:`lanes`, of which ``recorder`` records those whose first number is ``recorded``.
+    def _take(self, *blocks: np.ndarray) -> list[np.ndarray]:
+        """Takes the samples of :func:`lanes`, and records those whose first number is :data:`.noise.OWN`.
 
         Returns the luminance and the values of the channels of each sample of each block.
         """
-        estimator, plan, kept = self.estimator, self.plan, slice(len(self.channels))
+        estimator, plan, recorder, kept = self.estimator, self.plan, self.recorder, slice(len(self.channels))
         caustics = estimator.transport.caustics
         which, t, x, y = map(dr_array, np.concatenate(blocks, axis=1))
         x, y = mi.Int32(x), mi.Int32(y)
@@ -229,7 +211,7 @@ class Samples:
         def channels(L: mi.Spectrum) -> Sequence[mi.Float]:
             return estimator.channels.values(L * weight, ray.wavelengths, mi.Float(0))[kept]
 
-        recorder.t, recorder.recorded, recorder.channels = t, which == dr.opaque(mi.UInt32, recorded), channels
+        recorder.t, recorder.recorded, recorder.channels = t, which == dr.opaque(mi.UInt32, noise.OWN), channels
         taken, luminance, _ = recorder.record(partial(estimator.sample, plans, x, y, t))
         values = [np.broadcast_to(np.array(value, np.float64), len(t)) for value in (luminance, *taken[kept])]
         return np.split(np.stack(values, axis=1), np.cumsum([block.shape[1] for block in blocks])[:-1])
@@ -247,8 +229,7 @@ class Samples:
             notes.append(f"The light of sample {sample} is not finite, so the sample counts as black.")
         told = noise.sentences(self.shares, self.brighter, self.recorder, *self.deviations())
         light, known = noise.origins(self.recorder, count), (self.pixel, int(self.plan.seed[0]), self.channels)
-        rays = sample, nodes, self.further
-        return Explanation(*known, values, mean, *rays, light, self.shares, told, tuple(notes))
+        return Explanation(*known, values, mean, sample, nodes, light, self.shares, told, tuple(notes))
 
     def deviations(self) -> tuple[np.ndarray, int]:
         """Returns ``(weights, count)``: the outliers are the ``count`` samples that are farthest from the mean and make
@@ -306,7 +287,7 @@ def page(file: SceneFile, scene: Any = None, image: Any = None, command: str = "
     samples = Samples(scene or file.load(), names=places(file), preview=image is None, **arguments)
     told, order = samples.explanation(), np.argsort(-samples.values.sum(axis=1), kind="stable").tolist()
     shown = [*order[: explanation_page.BRIGHTEST], order[len(order) // 2], order[-1]]
-    trees = told.trees() | {sample: samples.recorder.nodes(sample) for sample in shown}
+    trees = {told.sample: told.nodes} | {sample: samples.recorder.nodes(sample) for sample in shown}
     image = explanation_page.picture(samples.preview if image is None else image)
     pictured = {"name": file.path.name, "image": image, "command": command}
     return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))

@@ -42,15 +42,11 @@ let tree = data.trees[0];
 const parentOf = node => tree.nodes.find(one => one.number === node.parent);
 /** Whether the light of a lamp's point would be scattered if nothing were in the way. */
 const counts = lamp => lamp.state === "visible" || lamp.state === "hidden";
-/** Whether a sample is the brightest further one, and its value. */
-const isFurther = sample => sample >= data.values.length;
-const valueOf = one => isFurther(one.sample) ? total(one.nodes) : data.values[one.sample];
 const total = nodes => nodes.map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k]));
 /** The directions of the lobes where a ray ends, and texts on the textures there. */
 const surface = node => tree.surfaces[tree.nodes.indexOf(node)] || [[], []];
 /** The squared error of each sample. */
 const light = data.values.map(sum), mean = sum(light) / light.length, errors = light.map(x => (x - mean) ** 2);
-const nameOf = sample => isFurther(sample) ? "the brightest further sample" : `sample ${sample}`;
 
 // ---------------------------------------------------------------- the image
 
@@ -129,8 +125,8 @@ function showTree() {
         drawing.append(svg("text", { x: X(x), y: Y(depth) + 4, "text-anchor": "middle", ...long }, String(node.number)));
     }
     find("tree").replaceChildren(drawing);
-    const share = isFurther(tree.sample) || !sum(errors) ? "" : `, ${number(100 * errors[tree.sample] / sum(errors))} % of the squared error`;
-    find("sample").textContent = `${nameOf(tree.sample)}: ${list(valueOf(tree))}${share}`;
+    const share = !sum(errors) ? "" : `, ${number(100 * errors[tree.sample] / sum(errors))} % of the squared error`;
+    find("sample").textContent = `sample ${tree.sample}: ${list(data.values[tree.sample])}${share}`;
 }
 
 /** Whether a node is `top` or in one of its branches. */
@@ -276,7 +272,7 @@ function showBars() {
     drawing.append(svg("text", { x: wide - 2, y: 156 - 150 * mean / most, "text-anchor": "end" }, "mean"));
     find("bars").replaceChildren(drawing);
     find("list").replaceChildren(...data.trees.map(one => {
-        const button = html("button", `${nameOf(one.sample)}: ${list(valueOf(one))}`);
+        const button = html("button", `sample ${one.sample}: ${list(data.values[one.sample])}`);
         button.setAttribute("aria-pressed", one === tree);
         button.addEventListener("click", () => choose(one));
         return button;

@@ -41,7 +41,7 @@ def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: 
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
     data = {"name": "the image", "image": "", "command": "", **facts, "trees": stored, **more}
-    data |= dict.fromkeys(("nodes", "further", "drawing"))
+    data |= dict.fromkeys(("nodes", "drawing"))
     page, script = (
         files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
     )

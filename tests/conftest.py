@@ -5,14 +5,19 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 ``scalar_rgb``. As each change of variant loads all plugins anew, the tests of one variant run together.
 """
 
+import ctypes
 import os
 import platform
 from pathlib import Path
+
+#: Where Dr.Jit keeps the tests' kernels; see :func:`compile_quickly`.
+os.environ["DRJIT_CACHE_DIR"] = str(Path(__file__).parents[1] / "build" / "kernels")
 
 import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import pytest
+from mitsuba_prosim import llvm
 from vector_width.sitecustomize import TARGETS, set_width
 
 #: Where a variant computes, by the beginning of its name. The first is where tests run that name no variant.
@@ -91,11 +96,22 @@ def pytest_xdist_make_scheduler(config, log):
     return Scheduling(config, log)
 
 
+def compile_quickly():
+    """Switches off LLVM's optional passes, because most kernels are compiled for a few pixels. An image has the same
+    bits, but a render would be slower; so these kernels stay out of the user's cache.
+    """
+    version, library = llvm.version(), llvm.library()
+    if version and version[0] >= 17 and library:  # older ones would print the name of each pass
+        options = b"pytest", b"-opt-bisect-limit=0", b"-opt-bisect-verbose=0"
+        ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
+
+
 def pytest_addoption(parser):
     parser.addoption("--vector-width", type=int, choices=TARGETS, help="compile kernels as on a CPU with such vectors")
 
 
 def pytest_configure(config):
+    compile_quickly()
     width = config.getoption("--vector-width")
     if width is None:
         return

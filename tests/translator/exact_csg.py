@@ -211,16 +211,6 @@ def text(rng, shapes, transforms, nodes, size=(120, 90)):
     return "\n".join([*lines, "END", ""])
 
 
-def general(rng):
-    shapes = [SHAPES[rng.integers(4)] for _ in range(rng.integers(2, 7))]
-    transforms = [
-        f"SCALE ({numbers(rng.uniform(0.5, 2, 3) * rng.choice([-1, 1], 3))}) {turn(rng)} "
-        f"TRANSLATE ({numbers(rng.uniform(-1, 1, 3))})"
-        for _ in shapes
-    ]
-    return text(rng, shapes, transforms, tree(rng, len(shapes)))
-
-
 def scattered(rng, weights, sizes, places, after="", operators="++--*"):
     """Primitives of the SHAPES, each as probable as its weight, whose numbers are some of ``sizes`` and ``places``."""
     shapes = [SHAPES[rng.choice(4, p=weights)] for _ in range(rng.integers(2, 6))]
@@ -379,7 +369,7 @@ def stretched(rng):
 
 GRIDS = grid, decimals, half_spaces
 ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, slices
-KINDS = {f.__name__: f for f in (general, chains, crowds, *GRIDS, *ROUND)} | {
+KINDS = {f.__name__: f for f in (chains, crowds, *GRIDS, *ROUND)} | {
     "turned_grid": lambda rng: grid(rng, turn(rng)),
     "stretched_grid": lambda rng: grid(rng, stretched(rng)),
     "turned_half_spaces": lambda rng: half_spaces(rng, turn(rng)),

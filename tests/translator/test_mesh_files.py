@@ -2,6 +2,7 @@
 
 import re
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 import prosim_scene
@@ -151,6 +152,32 @@ def test_normals_and_texture_coordinates_of_the_file(kind):
     assert whole.sum() == 12 - np.sum((p == 1).all(axis=2)) and (np.einsum("tci,ti->tc", got.normals, flat) > 0).all()
     plain = MeshFile(obj()).corner_attributes(p, np.arange(12))
     assert (np.count_nonzero(plain.normals, axis=2) == 1).all() and np.array_equal(plain.uv, p[..., :2])
+
+
+def test_corners_without_normals_or_texture_coordinates_have_those_of_the_triangle():
+    rows = [*VERTICES, "vt 5 6", "vn -9 1 2", FACES[0].replace("f 1 2 4 3", "f 1/1/1 2/1/1 4/1/1 3/1/1"), *FACES[1:]]
+    solid = MeshFile("\n".join(rows).encode())
+    p = solid.mesh(0, np.eye(4)).vertices[solid.mesh(0, np.eye(4)).triangles]
+    got, own = solid.corner_attributes(p, np.arange(12)), (p[..., 0] == 0).all(axis=1)
+    assert (got.uv[own] == [5, 6]).all() and np.array_equal(got.uv[~own], p[~own][..., :2])
+    assert (np.count_nonzero(got.normals, axis=2) == np.where(own, 3, 1)[:, None]).all()
+
+
+@pytest.mark.parametrize("squares", [SQUARES, MIXED])
+def test_each_face_of_a_ply_file_may_have_its_own_texture_coordinates(squares):
+    uv = np.arange(60.0).reshape(-1, 2)
+    lists, ends = ply("ascii", squares).decode().splitlines(), np.cumsum([0, *map(len, squares)])
+    for i, (begin, end) in enumerate(pairwise(ends), len(lists) - len(squares)):
+        lists[i] += f" {2 * (end - begin)} " + " ".join(map(str, uv[begin:end].ravel()))
+    data = "\n".join(lists).replace("end_header", "property list uchar float texcoord\nend_header")
+    solid = MeshFile(data.encode())
+    mesh = solid.mesh(0, np.eye(4))
+    corners = mesh.vertices[mesh.triangles]
+    got = solid.corner_attributes(corners, np.arange(12)).uv
+    expected = {(*uv[begin + k], *CUBE.vertices[s[k]]) for begin, s in zip(ends, squares) for k in range(len(s))}
+    assert {*map(tuple, np.concatenate([got, corners], axis=2).reshape(-1, 5).tolist())} == expected
+    with pytest.raises(ValueError, match="its texcoord lists do not have two numbers for each corner"):
+        MeshFile(re.sub(r" 8 .*", " 0", data, count=1).encode())
 
 
 def parts(*boxes):

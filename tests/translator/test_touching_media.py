@@ -95,7 +95,7 @@ def exists(read, inside, medium):
     return medium in stack.pop()
 
 
-KINDS = "grid,turned_grid,grid of one glass,turned_grid of one glass,grid with metal,chains,general,same_quadric,"
+KINDS = "grid,turned_grid,grid of one glass,turned_grid of one glass,grid with metal,chains,same_quadric,"
 KINDS += "nested,rings_and_stumps,slices,turned_half_spaces"
 
 

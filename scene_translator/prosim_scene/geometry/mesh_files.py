@@ -24,7 +24,7 @@ class MeshFile(Primitive):
     Faces of a mesh file are never treated as coincident with faces of other solids.
 
     A normal of the file is used if it points outwards; otherwise the normal of the triangle is used. The texture
-    coordinates uv are those of the file; if the file has no uv, they are (x, y) in the coordinates of the file.
+    coordinates uv are those of the file; where the file has no uv, they are (x, y) in the coordinates of the file.
     ``warning`` describes overlaps in the mesh, and is "" if there are none.
     """
 
@@ -42,7 +42,7 @@ class MeshFile(Primitive):
             content = parse(data)
             index, uv, normals = content.index, content.uv, content.normals
             for i, (table, width) in enumerate(((content.points, 3), (uv, 2), (normals, 3))):
-                _check_table(table, index[..., i], width)
+                _check_table(table, index[..., i], width, least=-1 if i else 0)
             points, number = np.unique(content.points + 0.0, axis=0, return_inverse=True)  # adding 0.0 converts -0 to 0
         except (ValueError, OverflowError, LookupError, TypeError) as error:
             why = error if isinstance(error, MeshError) else "it is damaged, or in another format"
@@ -73,9 +73,9 @@ class MeshFile(Primitive):
         self._dual = np.stack(
             [np.cross(c - self._origin, self._flat / square), np.cross(self._flat / square, b - self._origin)], axis=2
         )
-        #: Normals (m, 3, 3) and uv (m, 3, 2) at the corners of the triangles; None if the file has no normals or no uv.
-        self.normals = None if normals is None else normals[index[..., 2]]
-        self.uv = None if uv is None else uv[index[..., 1]]
+        #: Normals (m, 3, 3), 0 if the file has none, and uv (m, 3, 2), or NaN, at the corners of the triangles.
+        self.normals = np.append(normals, [[0, 0, 0]], axis=0)[index[..., 2]]
+        self.uv = np.append(uv, [[np.nan, np.nan]], axis=0)[index[..., 1]]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
         """Returns the mesh of the file."""
@@ -88,9 +88,9 @@ class MeshFile(Primitive):
         along = (p - self._origin[face, None]) @ self._dual[face]
         weights = np.concatenate([1 - along.sum(axis=2, keepdims=True), along], axis=2)
         flat = np.repeat(self._flat[face, None], 3, axis=1)
-        normals = flat if self.normals is None else weights @ self.normals[face]
+        normals, uv = weights @ self.normals[face], weights @ self.uv[face]
         outwards = np.sum(normals * flat, axis=2, keepdims=True) > 0
-        uv = p[..., :2] if self.uv is None else weights @ self.uv[face]
+        uv = np.where(np.isnan(uv), p[..., :2], uv)
         return CornerAttributes(np.where(outwards, normals, flat), uv, np.ones(p.shape[:2], bool))
 
 
@@ -98,10 +98,8 @@ class MeshFile(Primitive):
 mesh_file = lru_cache(maxsize=16)(MeshFile)
 
 
-def _check_table(table: np.ndarray | None, index: np.ndarray, width: int) -> None:
-    if table is None:
-        return
-    if table.shape[1:] != (width,) or not 0 <= index.min() <= index.max() < len(table):
+def _check_table(table: np.ndarray, index: np.ndarray, width: int, least: int) -> None:
+    if table.shape != (len(table), width) or not least <= index.min() <= index.max() < len(table):
         raise MeshError("a face has a corner that does not exist, or that has too few numbers")
     if not (np.abs(table) <= LARGE).all():
         raise MeshError(f"a number is not finite, or beyond {LARGE:g}")

@@ -1,8 +1,12 @@
 """Parses mesh files: PLY (text or binary), OBJ, STL (text or binary) and OFF."""
 
+# trimesh 5.2 misreads relative indices and tabs in OBJ, and refuses binary PLY with triangles and quads; meshio 5.3
+# refuses OBJ whose uv are not as many as its points, and ends the process if a file is damaged.
+
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,14 +35,17 @@ class MeshError(ValueError):
 
 @dataclass(frozen=True)
 class MeshData:
-    """The content of a mesh file: ``points`` (n, 3); ``index`` (m, 3, 3), which has, for each corner of each triangle,
-    the numbers of its point, uv and normal; ``normals`` and ``uv``, each None if not all corners have them.
+    """The content of a mesh file: tables of ``points`` (n, 3), ``uv`` (k, 2) and ``normals`` (l, 3); ``index`` (m, 3,
+    3) has, for each corner of each triangle, the numbers of its point, uv and normal, or -1 if the corner has none.
     """
 
     points: np.ndarray
     index: np.ndarray
-    normals: np.ndarray | None = None
-    uv: np.ndarray | None = None
+    uv: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
+    normals: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def __post_init__(self) -> None:
+        self.index[..., [False, not len(self.uv), not len(self.normals)]] = -1
 
 
 def parse(data: bytes) -> MeshData:
@@ -86,18 +93,25 @@ def _ply(data: bytes) -> MeshData:
         valid = False
     if not valid:
         raise MeshError(CONTRADICTION)
-    vertex, face = values["vertex"], values.get("face", {})
-    uv_names = next((pair for pair in UV if set(pair) <= set(vertex)), UV[0])
-    if not face and values.get("tristrips"):
+    if not values.get("face") and values.get("tristrips"):
         raise MeshError("it has triangle strips instead of faces")
-    index = _fans(face.get("vertex_indices", face.get("vertex_index", ())))
-    uv, normals = (
-        np.stack([vertex[name] for name in names], axis=-1).astype(float) if set(names) <= set(vertex) else None
-        for names in (uv_names, ("nx", "ny", "nz"))
+    return _ply_mesh(values["vertex"], values.get("face", {}))
+
+
+def _ply_mesh(vertex: dict[str, Any], face: dict[str, Any]) -> MeshData:
+    uv_names = next((pair for pair in UV if set(pair) <= set(vertex)), UV[0])
+    corners = face.get("vertex_indices", face.get("vertex_index", ()))
+    points, uv, normals = (
+        np.stack([vertex[name] for name in names], axis=-1).astype(float) if set(names) <= set(vertex) else np.empty(0)
+        for names in ("xyz", uv_names, ("nx", "ny", "nz"))
     )
-    points = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(float)
-    # A PLY file has one number for the position, the uv and the normal of a corner.
-    return MeshData(points, np.repeat(index[..., None], 3, axis=2), normals, uv)
+    index = np.repeat(_fans(corners)[..., None], 3, axis=2)
+    if "texcoord" in face:  # uv of each corner of a face, where the others have those of a vertex
+        ends = np.cumsum([0, *map(len, corners)]).tolist()
+        uv, index[..., 1] = np.concatenate(face["texcoord"]), _fans([range(*pair) for pair in pairwise(ends)])
+        if len(uv) != 2 * ends[-1]:
+            raise MeshError("its texcoord lists do not have two numbers for each corner of a face")
+    return MeshData(points, index, uv.astype(float).reshape(-1, 2), normals.reshape(-1, 3))
 
 
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
@@ -145,10 +159,8 @@ def _obj(text: str) -> MeshData:
             corners = [[*corner.split("/"), "", ""][:3] for corner in values]
             polygons.append([[_number(n, len(tables[of])) for n, of in zip(c, tables)] for c in corners])
     index = _fans(polygons)
-    uv, normals = (
-        np.array(tables[word], float) if (index[..., i] >= 0).all() else None for i, word in ((1, "vt"), (2, "vn"))
-    )
-    return MeshData(np.array(tables["v"], float), index, normals, uv)
+    points, uv, normals = (np.array(rows or np.empty((0, n)), float) for rows, n in zip(tables.values(), (3, 2, 3)))
+    return MeshData(points, index, uv, normals)
 
 
 def _number(text: str, count: int) -> int:

@@ -166,6 +166,13 @@ def test_window_sensor_and_crop(variant):
         assert np.allclose(np.array(ray.d).ravel(), expected / np.linalg.norm(expected), atol=1e-6)
 
 
+def test_solid_before_the_edge_of_a_lens_is_not_clipped(write_scene):
+    """It is nearer to the lens than the usual near plane, but not near to the eye in its middle."""
+    view = "VIEW EYE 0 0 1000 APERTURE 4 LIGHTS POINT position 0 0 90"
+    path = write_scene(f"{view} CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 TRANSLATE (2 0 998.5) END")
+    assert prosim_scene.load(path)["view"]["near_clip"] < 0.5
+
+
 BALL = "SPHERE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
 CUBE = "CUBE 0 SURFACE 0 ka .5 kd 0 TRANSFORM 0"
 ROOM = "SURFACE 1 TRANSFORM 1 SCALE (4 4 4) TRANSLATE (-2 -2 -2)"

@@ -63,10 +63,10 @@ class Document:
         return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
 
     def name_of(self, number: int) -> str:
-        """Returns the name of node ``number`` of the CSG tree, a leaf: if it is in a named solid, that of the solid."""
+        """Returns the name of node ``number`` of the CSG tree, a leaf, which may be in a named solid."""
         leaf: Any = self.scene.csg[number]
-        words = self.text_of("csg", number).split()
-        return f"{leaf.shape.upper()} {leaf.index}" if str(leaf.index) in words else " ".join(words)
+        shape, words = leaf.shape.upper(), self.text_of("csg", number).split()
+        return f"{shape} {leaf.index}" if str(leaf.index) in words else f"a {shape} in {' '.join(words)}"
 
     def surface_name(self, index: int) -> str:
         """Returns the name of a SURFACE in the text, where primitives of named solids have that of their solid."""

@@ -33,7 +33,7 @@ def clipping_depths(camera: Camera, meshes: Collection[Triangles], lights: Itera
     near, far = NEAR * camera.depth, max([FAR * camera.depth, *(2 * float(depth) for depth in depths)])
     x, y = max(abs(camera.left), abs(camera.right)), max(abs(camera.bottom), abs(camera.top))
     slant = math.hypot(x, y, camera.depth) / camera.depth  # distance over depth, in a corner of the image
-    if any(_is_near(camera.eye, mesh, near * slant) for mesh in meshes):
+    if any(_is_near(camera.eye, mesh, near * slant + camera.aperture) for mesh in meshes):
         near = 1e-9 * max(float(np.abs(mesh.vertices - camera.eye).max()) for mesh in meshes)
     return near, far
 

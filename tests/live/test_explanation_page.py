@@ -50,6 +50,8 @@ def test_page_fits_and_says_what_it_shows(page):
     names = page.evaluate("data.patterns.filter(([number]) => number === 1).map(([, name]) => name)")
     assert page.locator("#patterns figcaption").all_text_contents() == names and "pixel" in names
     assert page.locator("#patterns [fill=none]").count() == len(names)  # the ring of the sample
+    page.emulate_media(media="print")
+    assert page.is_visible("#error") and page.is_hidden("#list")  # a click on paper does nothing
 
 
 def test_first_point_is_projected_into_the_pixel(page):

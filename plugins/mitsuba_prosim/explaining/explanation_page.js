@@ -280,7 +280,7 @@ function showBars() {
     const greatest = errors.toSorted((a, b) => b - a), all = sum(errors);
     let count = 0;
     for (let part = 0; part < 0.9 * all; count++) part += greatest[count];
-    find("error").textContent = Object.keys(data.shares).length ? `${count} of ${n} samples make 90 % of the squared error.` : "";
+    find("error").textContent = Object.keys(data.shares).length ? `${count} of ${n} samples make 90 % of the squared error; the worst three make ${Math.round(100 * sum(greatest.slice(0, 3)) / all)} %.` : "";
 }
 
 /** Shows a tree, and scrolls to it. */

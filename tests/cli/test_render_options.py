@@ -308,6 +308,12 @@ def test_resolution_of_a_film_with_a_crop_window_needs_a_crop(scene):
         assert "2 x 2 pixels" in done("render", scene, "--resolution", *arguments).stdout
 
 
+@pytest.mark.parametrize("arguments", ["--resolution 6x4", "--crop 9,9,6,4"])
+def test_sensor_without_a_film_gets_the_size(scene, arguments):
+    scene.write_text(re.sub("<film.*</film>", "", XML))
+    assert "6 x 4 pixels" in done("render", scene, *arguments.split()).stdout
+
+
 #: A crop window without pixels, and a shape from a file that does not exist.
 EMPTY = '<integer name="crop_width" value="{}"/><integer name="crop_height" value="{}"/></film>'
 HAIR = '<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'

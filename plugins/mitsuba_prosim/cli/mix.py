@@ -48,7 +48,8 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     layers = [name for name in names if {f"{name}.G", f"{name}.B"} <= set(planes)]
     if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
         raise InputError(
-            f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights."
+            f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights, "
+            "on a film of RGB."
         )
     for name, _ in factors:
         if name not in layers:

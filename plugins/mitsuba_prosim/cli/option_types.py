@@ -11,7 +11,7 @@ import prosim_scene
 from prosim_scene import extras
 
 from ..engine.tiles import Part
-from ..scene import overrides, session
+from ..scene import session
 from ..scene.errors import with_line, with_suggestion
 
 #: The default address of the viewer tev.
@@ -91,11 +91,6 @@ def integers(*texts: str) -> tuple[int, ...]:
     return tuple(map(int, texts))
 
 
-def _resolution(*size: str) -> tuple[int, ...]:
-    overrides.check_size(*integers(*size))
-    return integers(*size)
-
-
 def _frames(begin: str, end: str | None, step: str | None) -> range:
     frames = range(int(begin), int(begin) + 1 if end is None else int(end), int(step or 1))
     if not frames:
@@ -119,7 +114,7 @@ def _roots(text: str) -> tuple[int, ...]:
     return tuple(roots)
 
 
-RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", _resolution)
+RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", integers)
 CROP = PatternType("X,Y,W,H", "10,20,64,48", r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)", integers)
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)

@@ -49,6 +49,8 @@ def apply(
     first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has
     the parameters.
     """
+    if resolution or crop:
+        _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
     for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
         _change_film(props, resolution, crop)
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
@@ -128,17 +130,21 @@ def set_sampler(state: mi.parser.ParserState, plugin: str) -> None:
     """Replaces every sampler of a parsed scene by the sampler ``plugin`` with as many samples, Mitsuba's default four
     if the scene does not say.
     """
+    _add_to_sensors(state, mi.ObjectType.Sampler, mi.Properties(plugin))
+    for node in [node for node in state.nodes if node.type == mi.ObjectType.Sampler]:
+        count, node.props = node.props.get("sample_count", 4), mi.Properties(plugin)
+        node.props["sample_count"] = count
+
+
+def _add_to_sensors(state: mi.parser.ParserState, kind: mi.ObjectType, added: mi.Properties) -> None:
+    """Adds an object with the properties ``added`` to each sensor that has no object of this kind."""
     types = [node.type for node in state.nodes]
-    for number, kind in enumerate(types):
-        props, new = state.nodes[number].props, mi.Properties(plugin)
-        new["sample_count"] = props.get("sample_count", 4)
-        if kind == mi.ObjectType.Sampler:
-            state.nodes[number].props = new
-        elif kind == mi.ObjectType.Sensor:
-            nested = [child.index() for _, child in compat.children(props)]
-            nested += [state.id_to_index[name] for _, name in props.references()]
-            if mi.ObjectType.Sampler not in [types[index] for index in nested]:
-                state.nodes[number].props["sampler"] = _add(state, mi.ObjectType.Sampler, new)
+    for number in [number for number, type_ in enumerate(types) if type_ == mi.ObjectType.Sensor]:
+        props = state.nodes[number].props
+        nested = [child.index() for _, child in compat.children(props)]
+        nested += [state.id_to_index[name] for _, name in props.references()]
+        if kind not in [types[index] for index in nested]:
+            state.nodes[number].props[kind.name.lower()] = _add(state, kind, mi.Properties(added))
 
 
 def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:

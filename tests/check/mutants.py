@@ -84,6 +84,12 @@ BSDFS = {
     "negative": ("diffuse", eval_(lambda v, si, wo: v - 0.01)),
     "turned_half": ("twosided", sample(lambda bs: scaled(bs, wo=mi.Vector3f(bs.wo.x, bs.wo.y, dr.abs(bs.wo.z))))),
     "spectral_too_bright": ("diffuse", eval_(lambda v, si, wo: v * (1.2 if spectral() else 1))),
+    "front_side_only": ("dielectric", {"flags": REFLECTS | 0x60}),
+    "wrong_component": (ROUGH, sample(lambda bs: scaled(bs, sampled_component=mi.UInt32(0)))),
+    "weight_of_component": ("dielectric", weight(lambda bs, si, ctx: 2 if ctx.component == 0 else 1)),
+    "albedo_times_pi": ("diffuse", {"eval_diffuse_reflectance": lambda v: v * np.pi}),
+    "derivative_too_small": ("diffuse", eval_(lambda v, si, wo: v * 0.8 + dr.detach(v) * 0.2)),
+    "unpolarised_eval": (METAL, eval_(lambda v, si, wo: mi.depolarizer(v[0, 0]) if mi.is_polarized else v)),
     "one_component": (ROUGH, pdf(lambda v, wo, ctx: v * (1.3 if ctx.component == 1 else 1))),
 }
 
@@ -97,8 +103,15 @@ EMITTERS = {
     "constant_ray": ("constant", {"sample_ray": lambda ray, w: (mi.Ray3f(ray.o, -ray.d), w)}),
     "directional_weight": ("directional", {"sample_direction": lambda ds, w, it: (ds, w * 1.1)}),
     "ray_red": ("point", {"sample_ray": lambda ray, w: (ray, w * (ray.wavelengths / 520 if spectral() else 1))}),
+    "point_inside_scene": ("directional", {"sample_direction": lambda ds, w, it: (near(ds), w)}),
     "spectral_point": ("point", {"sample_direction": lambda ds, w, it: (ds, w * (1.3 if spectral() else 1))}),
 }
+
+
+def near(ds):
+    copy = mi.DirectionSample3f(ds)
+    copy.dist, copy.p = ds.dist * 0.1, ds.p - ds.d * ds.dist * 0.9
+    return copy
 
 
 def turned(ds):

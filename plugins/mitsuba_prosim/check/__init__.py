@@ -32,4 +32,4 @@ def _of_kind(kind: str) -> Callable[..., Report]:
     return test
 
 
-bsdf, emitter, texture, phase, shape, sampler, sensor, integrator, medium, film, rfilter = map(_of_kind, KINDS.values())
+phase, rfilter, bsdf, emitter, texture, shape, sampler, sensor, integrator, medium, film = map(_of_kind, KINDS.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import drjit as dr
@@ -24,19 +24,27 @@ def directions(n: int, seed: int) -> np.ndarray:
     return np.stack([r * np.cos(phi), r * np.sin(phi), z]).astype(np.float32)
 
 
-def rows(value: Any, n: int | None = None) -> np.ndarray:
-    """Returns a number, a vector or a spectrum as an array of shape (components, n); a polarised one unpolarised."""
+def rows(value: Any, n: int | None = None, whole: bool = False) -> np.ndarray:
+    """Returns a number, a vector or a spectrum as an array of shape (components, n); of a Mueller matrix only its first
+    element, unless it is to be ``whole``.
+    """
     if dr.is_matrix_v(value):
-        value = mi.unpolarized_spectrum(value)
+        value = np.array(value).reshape(-1, dr.width(value)) if whole else mi.unpolarized_spectrum(value)
     array = np.array(value, dtype=float)
     array = array.reshape(-1, 1) if dr.is_array_v(value) and not dr.is_jit_v(value) else np.atleast_2d(array)
     return array if n is None else np.broadcast_to(array, (array.shape[0], n))
 
 
-def described(where: Mapping[str, Any], i: int = 0) -> str:
+def slopes(f: Callable[[Any], Any], x: np.ndarray, h: float) -> list[np.ndarray]:
+    """Returns the differences of ``f`` by both coordinates of the places ``x``, shape (2, n)."""
+    ends = [[mi.Point2f((x + side * h * axis[:, None]).astype(np.float32)) for side in (1, -1)] for axis in np.eye(2)]
+    return [(rows(f(b)) - rows(f(a))) / (2 * h) for b, a in ends]
+
+
+def described(where: str | Mapping[str, Any], i: int = 0) -> str:
     """Describes column i of each named array in words: the angles of a unit vector, else the numbers."""
     texts = []
-    for name, value in where.items():
+    for name, value in {where: ()}.items() if isinstance(where, str) else where.items():
         v = rows(value)[:, i] if np.size(value) else np.zeros(0)
         numbers = f"({', '.join(f'{x:.4g}' for x in v)})" if len(v) > 1 else f"{v[0]:.4g}" if len(v) else ""
         if len(v) == 3 and abs(np.linalg.norm(v) - 1) < 1e-3:

@@ -78,7 +78,6 @@ class Report:
         wrong, count = np.flatnonzero(on & ~right), on.sum()
         if len(wrong) > share * count:
             times = f"{len(wrong) / count:.1%} of {count} inputs fail" if count > 1 else "not so"
-            where = {where: ()} if isinstance(where, str) else where
             self.add(test, worst, times, described(where, int(wrong[len(wrong) // 2])))
         elif count:
             self.add(test, OK, f"{count} inputs agree" if count > 1 else "")
@@ -101,8 +100,8 @@ class Report:
         right = np.abs(values - expected) <= np.maximum(tolerance[0] * larger, scale)
         right |= ~np.isfinite(values) & ~np.isfinite(expected)  # another test reports these
         channel = np.argmin(right, axis=0)[None]
-        named = {"found": values, "expected": expected}
-        named = {name: np.take_along_axis(value, channel, axis=0) for name, value in named.items()}
+        pairs = ("found", values), ("expected", expected)
+        named = {name: np.take_along_axis(value, channel, axis=0) for name, value in pairs}
         where = named | ({where: ()} if isinstance(where, str) else where)
         self.require(test, right, where, on=on, **{"share": 0.005, **limits})
 

@@ -17,34 +17,42 @@ from .subject import KINDS, Subject
 from .tests import Tests
 
 #: What Mitsuba's errors say of a method that a plugin does not have.
-MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported", "was queried for"
+MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported", "was queried for", "is not defined"
 
-#: Tests that fail for BSDFs that are not reciprocal and ignore the context's component.
-IGNORES = "reciprocity", "sampled_type"
+#: Tests that fail for both principled BSDFs, and for blendbsdf.
+SUM = "components add up"
+IGNORES = "reciprocity", "sampled_type", SUM, "eval() is 0 if", "variants agree", "finite with"
+BLENDED = (
+    "ideal lobes",
+    "weight is",
+    "pdf of",
+    "samples follow",
+    "reflection",
+    "the flags have",
+    "sampled_component",
+    SUM,
+)
 
 #: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the names of the tests that find it). They are
 #: notes.
 FAULTS = {
     "area": ("with a texture on a mesh, it samples other places", "samples follow pdf()", "light by"),
-    "blendbsdf": ("the pdf of an ideal lobe lacks the weight of the blend", "ideal lobes have their probability"),
+    "bitmap": ("the gradient has the resolution of the wrong axes if to_uv turns it", "eval_1_grad()"),
+    "blendbsdf": ("it weights samples of ideal lobes and of dark sides wrongly", *BLENDED),
     "blendphase": ("one component's pdf has the weight of the blend", "weight of", "pdf of", "samples follow"),
     "checkerboard": ("eval_1() swaps both colours", "eval_1()"),
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),
     "hair": ("the second component is never sampled; the pdf is no exact one", "every lobe", "samples follow pdf()"),
-    "mask": ("with one component in the context, sample() takes the other", "samples follow pdf()", "sampled_type"),
-    "path": ("a mask reflects the square of its opacity", "blocks have", "images have"),
-    "principled": (
-        "not reciprocal, ignores components, and spec_tint depends on wavelengths",
-        *IGNORES,
-        "variants agree",
-    ),
-    "principledthin": ("not reciprocal, ignores components, and has lobes of weight 0", *IGNORES, "every lobe"),
+    "mask": ("with one component in the context, sample() takes the other", "samples follow", "sampled_type", SUM),
+    "path": ("it drops the light of paths that leave the scene through a mask", "blocks have", "images have"),
+    "principled": ("not reciprocal, ignores components, spec_tint depends on wavelengths, wrong if eta is 1", *IGNORES),
+    "principledthin": ("not reciprocal, ignores components, has lobes of weight 0", "every lobe", *IGNORES),
     "roughplastic": ("the table of transmittances has no derivative", "derivatives"),
     "sggx": ("the frame of sampled normals is transposed", "samples follow pdf()"),
     "sphere": ("the normals of a turned sphere are not turned", "sampled normals"),
-    "sunsky": ("sun_direction does not turn", "to_world moves the light"),
+    "sunsky": ("sun_direction does not turn", "to_world moves the light", "updated"),
     "timed_sunsky": ("the scalar variant sees the sun in all directions", "variants agree"),
-    "twosided": ("with two BSDFs, one component has the light of both sides", "components add up", "sampled_type"),
+    "twosided": ("with two BSDFs, one component has the light of both sides", SUM, "sampled_"),
 }
 
 #: Seconds after which a test of a process apart is ended.
@@ -85,10 +93,11 @@ def check(
                 report.add(test, SKIPPED, [*lacks, words[-1]][0])
             else:
                 report.add(test, FAILS, f"{type(error).__name__}: {words[-1]}")
-    reason, *known = FAULTS.get(subject.name, ("",))
-    for result in report.finish().results:
-        if result.verdict == FAILS and result.test.startswith(tuple(known)):
-            result.verdict, result.statistic = NOTE, f"{result.statistic}; a fault of Mitsuba: {reason}"
+    report.finish()
+    for reason, *known in (FAULTS[name] for name in subject.types() & FAULTS.keys()):
+        for result in report.results:
+            if result.verdict == FAILS and result.test.startswith(tuple(known)):
+                result.verdict, result.statistic = NOTE, f"{result.statistic}; a fault of Mitsuba: {reason}"
     return report
 
 

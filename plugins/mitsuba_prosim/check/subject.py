@@ -19,19 +19,9 @@ from ..compat import children
 from ..scene import scene_file, session
 
 #: The kinds of plugins that have tests: name of Mitsuba's class -> name.
-KINDS = {
-    "BSDF": "bsdf",
-    "Emitter": "emitter",
-    "Texture": "texture",
-    "PhaseFunction": "phase",
-    "Shape": "shape",
-    "Sampler": "sampler",
-    "Sensor": "sensor",
-    "Integrator": "integrator",
-    "Medium": "medium",
-    "Film": "film",
-    "ReconstructionFilter": "rfilter",
-}
+KINDS = {"PhaseFunction": "phase", "ReconstructionFilter": "rfilter"}
+for _name in "BSDF", "Emitter", "Texture", "Shape", "Sampler", "Sensor", "Integrator", "Medium", "Film":
+    KINDS[_name] = _name.lower()
 
 #: What plugins cannot be loaded without, if only numbers and texts are given; volpath is the reference of images.
 DEFAULTS: dict[str, dict[str, Any]] = {
@@ -107,6 +97,11 @@ class Subject:
         """The plugin's type."""
         return str(self.props.plugin_name())
 
+    def types(self, node: int | None = None) -> set[str]:
+        """Returns the types of the plugin and of those in it."""
+        props = self.state.nodes[self.node if node is None else node].props
+        return {props.plugin_name()}.union(*(self.types(child.index()) for _, child in children(props)))
+
     def load(self, **changes: Any) -> Any:
         """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""
         config = mi.parser.ParserConfig(mi.variant() or "")
@@ -152,10 +147,13 @@ def import_module(name: str) -> Any:
     folder = str(path.parent.resolve()) if path.suffix == ".py" else ""
     if folder not in sys.path:
         sys.path.insert(0, folder)
+    set_variant, mi.set_variant = mi.set_variant, lambda *names: None  # it may choose one, but another one is tested
     try:
         return importlib.reload(sys.modules[stem]) if stem in sys.modules else importlib.import_module(stem)
     except Exception as error:  # noqa: BLE001 (a module may raise anything)
         raise ImportError(f"{name} cannot be imported: {type(error).__name__}: {error}") from None
+    finally:
+        mi.set_variant = set_variant
 
 
 def _copied(value: Any) -> Any:

@@ -14,9 +14,9 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene import session
-from .inputs import rows, to_drjit
-from .report import FAILS, NOTE, OK, SKIPPED, Report
-from .statistics import chi_squared
+from .inputs import octant, rows, to_drjit
+from .report import SKIPPED, Report
+from .statistics import chi_squared, welch
 from .subject import REFUSED, Subject
 
 #: Number of inputs, of groups of four wavelengths for each input, and of inputs of derivatives.
@@ -25,13 +25,19 @@ INPUTS, GROUPS, DERIVATIVES = 48, 32, 512
 Values = dict[str, np.ndarray]
 
 
+def motion() -> Any:
+    """A translation and a rotation."""
+    return mi.ScalarTransform4f().translate([0.4, -0.2, 0.3]).rotate([0.48, 0.8, 0.36], 70)
+
+
 class Tests:
     """The tests of a kind of plugins: the methods ``test_...``, which run in each of the :meth:`cases`.
 
     A kind that has ``inputs`` and ``values`` is also loaded again, by the methods ``again_...``: ``values`` returns
     name -> value for the arrays of ``inputs``. ``LIGHT`` tells whether spectra may be light or reflectances, and
-    ``SMOOTH`` names the values that have derivatives. A kind that samples directions has ``draw``, which returns
-    direction, weight and density (0 for ideal lobes), and ``evaluate``, which returns value and density.
+    ``SMOOTH`` names the values that have derivatives. ``everywhere`` is a test that also runs in other variants. A kind
+    that samples directions has ``draw``, which returns direction, weight and density (0 for ideal lobes), and
+    ``evaluate``, which returns value and density.
     """
 
     LIGHT: tuple[bool, ...] = (False,)
@@ -40,6 +46,7 @@ class Tests:
     values: Callable[..., dict[str, Any]]
     draw: Callable[..., tuple[Any, Any, Any]]
     evaluate: Callable[..., tuple[Any, Any]]
+    everywhere: Callable[..., None]
 
     def __init__(self, subject: Subject, report: Report) -> None:
         self.subject, self.report = subject, report
@@ -66,6 +73,12 @@ class Tests:
         for case in self.cases():
             test(case)
 
+    def octants(self, test: str, where: str, *terms: tuple[np.ndarray, np.ndarray]) -> None:
+        """Compares two samples of light, each the light (channels, n) and where it is (3, n), in each octant."""
+        for side in range(8):
+            a, b = (v.mean(axis=0) * (octant(p) == side) for v, p in terms)
+            self.report.add(test, where=f"{where} octant {side}".strip(), **welch(a, b))
+
     def density(self, where: str, plugin: Any, ctx: Any, at: Callable[[int], Any]) -> None:
         """Samples of :meth:`draw` have the density of :meth:`evaluate`; ``at(n)`` returns n equal interactions."""
 
@@ -80,7 +93,8 @@ class Tests:
 
     def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = "", on: Any = True) -> None:
         """Weights and densities of samples are those of ``value`` and the ``stated`` density."""
-        self.report.equal("weight of a sample = eval() / pdf()", rows(weight) * rows(pdf), value, where, on=on)
+        sent, value = rows(weight, whole=True) * rows(pdf), rows(value, whole=True)
+        self.report.equal("weight of a sample = eval() / pdf()", sent, value, where, on=on)
         self.report.equal("pdf of a sample = pdf()", pdf, stated, where, on=on)
 
     def evaluated(self, plugin: Any, light: bool = False) -> Values:
@@ -120,27 +134,32 @@ class Tests:
             tolerance, share = ((0.02, 2e-3), 0.15) if exact or grey[name] else ((0.6, 0.05), 0.4)
             self.report.equal(test, a, b, f"{name}, {how}", tolerance, share=share)
 
-    def numbers(self) -> Iterator[tuple[str, str, Any]]:
-        """Yields the key, the property and the value of each number and colour that is exposed and also a property."""
+    def exposed(self, *kinds: Any) -> Iterator[tuple[str, int, Any]]:
+        """Yields the key, the flags and the value of everything exposed that can change and is of the ``kinds``."""
         parameters = mi.traverse(self.subject.load())
         for key in parameters.keys():  # noqa: SIM118 (iterating reads the values, and fails for None)
-            name = key.removesuffix(".value")
-            if "." in name or name == "sampling_weight" or parameters.flags(key) & int(mi.ParamFlags.ReadOnly):
-                continue
             with suppress(*REFUSED):
-                value = parameters[key]
-                if isinstance(value, (float, mi.Float, mi.Color3f)) and dr.width(value) == 1:
+                value, flags = parameters[key], parameters.flags(key)
+                if isinstance(value, kinds) and not flags & int(mi.ParamFlags.ReadOnly):
+                    yield key, flags, value
+
+    def properties(self, *kinds: Any) -> Iterator[tuple[str, str, Any]]:
+        """Yields the key, the property and the value of each number or what is of ``kinds``, if it is a property."""
+        for key, _, value in self.exposed(float, mi.Float, mi.Color3f, mi.Point3f, *kinds):
+            name = key.replace(".value", "")
+            if "." not in name and name != "sampling_weight" and dr.width(value) == 1:
+                with suppress(*REFUSED):
                     self.subject.load(**{name: as_property(value)})
                     yield key, name, value
 
     def again_updates(self) -> None:
         """A parameter that is updated after loading has the effect of one that is loaded."""
-        exposed = list(self.numbers())
-        given = {name: as_property(value) for _, name, value in exposed}
-        for key, name, value in exposed:
-            new = value * 0.7 + 0.05
+        given = {name: as_property(value) for _, name, value in self.properties()}
+        for key, name, value in self.properties(mi.AffineTransform4f):
+            moves = isinstance(value, mi.AffineTransform4f)
+            new = mi.AffineTransform4f(motion()) @ value if moves else value * 0.7 + 0.05
             expected = self.loaded(**given | {name: as_property(new)})
-            for start in (value, value * 0)[: 1 + self.LIGHT[0]]:
+            for start in (value,) if moves or not self.LIGHT[0] else (value, value * 0):
                 loaded = self.subject.changed(**given | {name: as_property(start)})
                 parameters = mi.traverse(loaded) if expected and loaded else {}
                 if key in parameters and type(parameters[key]) is type(new):
@@ -152,36 +171,40 @@ class Tests:
     def again_derivatives(self) -> None:
         """Derivatives with respect to exposed values are those of differences, where the step does not matter."""
         inputs = [to_drjit(one) for one in self.inputs(DERIVATIVES)]
-        for key, _, value in self.numbers() if "_ad_" in (mi.variant() or "") else ():
+        fixed = int(mi.ParamFlags.NonDifferentiable | mi.ParamFlags.Discontinuous)
+        kinds = mi.Float, mi.Color3f, mi.Point3f, mi.TensorXf
+        for key, flags, value in self.exposed(*kinds) if "_ad_" in (mi.variant() or "") and self.SMOOTH else ():
             loaded = self.subject.load()
             plugin, parameters = self.prepared(loaded), mi.traverse(loaded)
-            size = np.abs(np.array(value))
-            if parameters.flags(key) & int(mi.ParamFlags.NonDifferentiable) or not size.min():
+            if flags & fixed or not (size := np.abs(np.array(value))).min():
                 continue
+            smooth = self.SMOOTH[:1] if dr.is_tensor_v(value) else self.SMOOTH  # samples move with a tensor
 
             def changed(offset: Any) -> dict[str, Any]:
                 parameters[key] = value + offset  # noqa: B023 (called here)
                 parameters.update()  # noqa: B023
                 found = self.values(plugin, *inputs, None)  # noqa: B023
-                return {name: mi.unpolarized_spectrum(found[name]) for name in self.SMOOTH if name in found}
+                return {name: mi.unpolarized_spectrum(found[name]) for name in smooth if name in found}  # noqa: B023
+
+            def difference(h: float) -> Values:
+                more, less = changed(h), changed(-h)
+                return {name: rows((more[name] - less[name]) / (2 * h), DERIVATIVES) for name in more}
 
             h, offset = 0.01 * float(size.max()), mi.Float(0)
-            more, less, half = ({k: rows(v, DERIVATIVES) for k, v in changed(step).items()} for step in (h, -h, h / 2))
+            wide, near = difference(h), difference(h / 2)
             dr.enable_grad(offset)
             exact = changed(offset)
             dr.forward(offset, flags=dr.ADFlag.ClearNone)
             for name, found in exact.items():
-                difference, nearer = (more[name] - less[name]) / (2 * h), (half[name] - less[name]) / (1.5 * h)
-                total = max(np.abs(difference).sum(), 1e-6 * difference.size)
-                if np.abs(nearer - difference).sum() <= 0.2 * total:
-                    wrong = np.abs(rows(dr.grad(found), DERIVATIVES) - difference).sum() / total
-                    verdict = OK if wrong < 0.1 else NOTE if wrong < 0.5 else FAILS
-                    statistic = f"they differ by {wrong:.1%}" if np.isfinite(wrong) else "derivatives are not finite"
-                    self.report.add("derivatives = differences", verdict, statistic, f"{name} by {key}")
+                slope = np.abs(near[name])
+                steady = (np.abs(wide[name] - near[name]) <= 0.05 * slope) & (slope * h > 3e-4 * np.abs(rows(found)))
+                self.report.equal(
+                    "derivatives = differences", dr.grad(found), near[name], f"{name} by {key}", on=steady, share=0.05
+                )
 
     def again_extremes(self) -> None:
         """Values stay finite and not negative with extreme parameters, unless the plugin refuses them."""
-        for _, name, value in self.numbers():
+        for _, name, value in self.properties():
             for extreme in (1e-3, 1.0):
                 for found in self.loaded(**{name: as_property(value * 0 + extreme)}).values():
                     right = np.isfinite(found) & (found >= -0.05 * found.max())
@@ -198,6 +221,8 @@ class Tests:
                 try:
                     plugin = self.prepared(self.subject.load())
                     found = [self.evaluated(plugin, light) for light in self.LIGHT]
+                    if dr.is_jit_v(mi.Float) and hasattr(self, "everywhere"):
+                        self.everywhere(plugin)
                 except REFUSED as error:
                     text = f"{variant}: {session.message(error).strip() or error!r}"
                     self.report.add("variants agree", SKIPPED, text)
@@ -208,6 +233,9 @@ class Tests:
 
 
 def as_property(value: Any) -> Any:
-    """A number or a colour as a property of ``mi.Properties``."""
+    """A value as a property of ``mi.Properties``."""
+    if isinstance(value, mi.AffineTransform4f):
+        return mi.ScalarTransform4f(np.array(value.matrix, dtype=float).reshape(4, 4))
     array = np.array(value, dtype=float).ravel()
-    return float(array[0]) if array.size == 1 else mi.ScalarColor3f(*map(float, array))
+    kind = mi.ScalarColor3f if isinstance(value, mi.Color3f) else mi.ScalarPoint3f
+    return float(array[0]) if array.size == 1 else kind(*map(float, array))

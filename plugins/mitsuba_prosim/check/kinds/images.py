@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import interaction, rows, uniform
+from ..inputs import interaction, rows, slopes, uniform
 from ..report import FAILS, NOTE, OK, SKIPPED
 from ..statistics import chi_squared, mean_is, normal_p, welch
-from ..tests import Tests
+from ..tests import Tests, motion
 
 #: Number of rays, and of pixels of a sampler with one sample each.
 INPUTS, PIXELS = 2**12, 2**16
@@ -21,10 +22,10 @@ FILM = {"type": "hdrfilm", "width": 80, "height": 60, "rfilter": {"type": "box"}
 CROP = {"crop_offset_x": 20, "crop_offset_y": 12, "crop_width": 40, "crop_height": 24}
 
 
-def rays(sample: Any, film: np.ndarray) -> tuple[Any, Any]:
+def rays(sample: Any, film: Any) -> tuple[Any, Any]:
     """Rays through places of the film, and their weights."""
     u = uniform(INPUTS, 3, 1)
-    return sample(mi.Float(0.0), mi.Float(u[0]), mi.Point2f(film.astype(np.float32)), mi.Point2f(u[1:]))
+    return sample(mi.Float(0.0), mi.Float(u[0]), mi.Point2f(film), mi.Point2f(u[1:]))
 
 
 class Sensor(Tests):
@@ -39,6 +40,12 @@ class Sensor(Tests):
         self.report.unit("directions", ray.d, where)
         for a, b in ((other.d, ray.d), (same, weight)):
             self.report.equal("sample_ray_differential() = sample_ray()", a, b, where, (1e-3, 1e-4))
+        pixel = np.diag(1 / np.array(sensor.film().crop_size()))
+        for step, o, d in (pixel[0], other.o_x, other.d_x), (pixel[1], other.o_y, other.d_y):
+            there, _ = rays(sensor.sample_ray, np.float32(film + step[:, None]))
+            found, expected = (rows(one) - rows(ray.o + ray.d, INPUTS) for one in (o + d, there.o + there.d))
+            test, on = "differentials are the rays of the next pixels", rows(other.has_differentials)
+            self.report.equal(test, found, expected, where, (0.05, 0.05), on=on)
 
     def test_crop(self, sensor: Any) -> None:
         """A crop is a part of the whole."""
@@ -48,48 +55,68 @@ class Sensor(Tests):
         if whole is None or part is None:
             return  # it has no such film
         film = uniform(INPUTS, 2, 2)
-        here = rays(part.sample_ray, film)[0]
-        there = rays(whole.sample_ray, [[0.25], [0.2]] + film * [[0.5], [0.4]])[0]
-        for a, b in ((here.d, there.d), (here.o, there.o)):
-            self.report.equal("a crop is a part of the whole", a, b, {"film": film}, (2e-3, 1e-3))
+        there, _ = rays(whole.sample_ray, np.float32([[0.25], [0.2]] + film * [[0.5], [0.4]]))
+        self.same_rays("a crop is a part of the whole", part, there, film)
+
+    def same_rays(self, test: str, sensor: Any, expected: Any, film: np.ndarray) -> None:
+        """The rays of a sensor are the expected ones."""
+        ray, _ = rays(sensor.sample_ray, film)
+        for a, b in ((ray.d, expected.d), (ray.o, expected.o)):
+            self.report.equal(test, a, b, {"film": film}, (2e-3, 1e-3))
 
     def test_motion(self, sensor: Any) -> None:
         """With another to_world, rays move along."""
-        motion, film = (
-            mi.ScalarTransform4f().translate([0.4, -0.2, 0.3]).rotate([0.48, 0.8, 0.36], 70),
-            uniform(INPUTS, 2, 2),
-        )
-        before, after = (self.subject.changed(to_world=one) for one in (mi.ScalarTransform4f(), motion))
+        film = uniform(INPUTS, 2, 2)
+        before, after = (self.subject.changed(to_world=one) for one in (mi.ScalarTransform4f(), motion()))
         if before is not None and after is not None:
-            (ray, _), (moved, _) = rays(before.sample_ray, film), rays(after.sample_ray, film)
-            for there, here in ((moved.d, mi.Transform4f(motion) @ ray.d), (moved.o, mi.Transform4f(motion) @ ray.o)):
-                self.report.equal("to_world moves rays", there, here, {"film": film}, (2e-3, 1e-3))
+            ray, _ = rays(before.sample_ray, film)
+            self.same_rays("to_world moves rays", after, mi.AffineTransform4f(motion()) @ mi.Ray3f(ray), film)
 
     def test_projection(self, sensor: Any) -> None:
         """sample_direction() projects a point of a ray to the place of the film from which the ray comes."""
-        film = 0.02 + 0.96 * uniform(INPUTS, 2, 3)
-        it = interaction(mi.Interaction3f, INPUTS, p=rays(sensor.sample_ray, film)[0](mi.Float(3.0)))
+        film = np.float32(0.02 + 0.96 * uniform(INPUTS, 2, 3))
+        ray, sent = rays(sensor.sample_ray, film)
+        it = interaction(mi.Interaction3f, INPUTS, p=ray(mi.Float(3.0)))
         ds, weight = sensor.sample_direction(it, mi.Point2f(uniform(INPUTS, 3, 1)[1:]))  # the ray's aperture sample
         found, where = (rows(weight, INPUTS) > 0).any(axis=0), {"film": film}
         self.report.require("points of rays are seen", found, where, share=0.02)
         uv = rows(ds.uv, INPUTS) / np.array(sensor.film().crop_size(), dtype=float)[:, None]
         test = "sample_direction() inverts sample_ray()"
         self.report.equal(test, uv, film, where, (5e-3, 1e-4), on=found, share=0.02)
+        right, down = slopes(lambda places: rays(sensor.sample_ray, places)[0](mi.Float(3.0)), film, 0.01)
+        area = np.abs((np.cross(right, down, axis=0) * rows(ray.d)).sum(axis=0))
+        test = "weight of sample_direction() = that of rays"
+        self.report.equal(test, rows(weight) * area, sent, where, on=found, share=0.02)
+
+    def inputs(self, n: int) -> list[np.ndarray]:
+        """Places on the film and in the aperture."""
+        return [uniform(n, 2, 4), uniform(n, 2, 5)]
+
+    def values(self, sensor: Any, film: Any, aperture: Any, wavelengths: Any) -> dict[str, Any]:
+        """Rays; without signs, because values are not negative."""
+        ray, _ = sensor.sample_ray(mi.Float(0), mi.Float(0.5), film, aperture)
+        return {"origins": dr.abs(ray.o), "directions": dr.abs(ray.d)}
 
 
 class Film(Tests):
     """Tests of a film."""
 
     def test_energy(self, film: Any) -> None:
-        """Samples of the value 1 give pixels of the value 1; clear() removes them."""
-        film.prepare([])
+        """Samples of the value 1 give pixels of the value 1, and a slope gives the slope; clear() removes them."""
         size = np.array(film.crop_size(), dtype=np.float32)[:, None]
-        block, n = film.create_block(), int(size.prod()) * (64 if size.prod() < 2**15 else 16)
-        pos = mi.Point2f(uniform(n, 2) * size + np.array(film.crop_offset())[:, None])
-        block.put(pos, [mi.Float(1)] * block.channel_count())
-        film.put_block(block)
-        off = np.abs(np.array(film.develop(), dtype=float) - 1).max(axis=-1).ravel()
-        self.report.require("constant samples give a constant image", off < 2e-3, share=0.01)
+        n = int(size.prod()) * (64 if size.prod() < 2**15 else 16)
+        x, centres = uniform(n, 2) * size, np.indices([int(side) for side in size[::-1]])[::-1] + 0.5
+        for shape, slope, error in (("constant", 0, 2e-3), ("slope", 1, 3)):
+            film.prepare([])
+            film.clear()
+            block = film.create_block()
+            values = [mi.Float(1 + slope * (x[0] + 2 * x[1]))] * (block.channel_count() - 1)
+            block.put(mi.Point2f(x + np.array(film.crop_offset())[:, None]), [*values, mi.Float(1)])
+            film.put_block(block)
+            found = np.array(film.develop(), dtype=float) - (1 + slope * (centres[0] + 2 * centres[1]))[..., None]
+            self.report.require(
+                f"samples of a {shape} give a {shape}", np.abs(found).max(axis=-1).ravel() < error, share=0.01
+            )
         film.clear()
         self.report.require("clear() empties the film", [not np.nan_to_num(np.array(film.develop(raw=True))).any()])
 
@@ -158,16 +185,20 @@ BIASED = {"prosim_denoised": 0.02}
 FACTOR = 4
 
 
-def scenes() -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yields the name and the dictionary of scenes in which a floor is lit directly: materials and lamps cross."""
+def scenes() -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Yields the name and the dictionary of scenes, and parameters of the integrator.
+
+    Materials and lamps cross on a floor that is lit directly, below a black ball; a closed room follows if the
+    integrator has a ``max_depth``.
+    """
     above = mi.ScalarTransform4f().translate([0.3, 0.2, 1.2]).rotate([1, 0, 0], 180).scale(0.3)
     view = mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, 0, 0], [1, 0, 0])
     lamps = {
         "rectangle": {"type": "rectangle", "to_world": above, "emitter": {"type": "area"}},
-        "sphere": {"type": "sphere", "center": [0.3, 0.2, 1.2], "radius": 0.2, "emitter": {"type": "area"}},
-        "point": {"type": "point", "position": [0.3, 0.2, 1.2]},
-        "spot": {"type": "spot", "to_world": view, "cutoff_angle": 30.0},
         "constant": {"type": "constant"},
+        "point": {"type": "point", "position": [0.3, 0.2, 1.2]},
+        "sphere": {"type": "sphere", "center": [0.3, 0.2, 1.2], "radius": 0.2, "emitter": {"type": "area"}},
+        "spot": {"type": "spot", "to_world": view, "cutoff_angle": 30.0},
     }
     materials = {
         "diffuse": {"type": "diffuse", "reflectance": {"type": "checkerboard"}},
@@ -175,9 +206,15 @@ def scenes() -> Iterator[tuple[str, dict[str, Any]]]:
         "plastic": {"type": "roughplastic", "alpha": 0.2},
         "mask": {"type": "mask", "opacity": 0.6, "nested": {"type": "diffuse"}},
     }
+    grey = [{"type": "diffuse", "reflectance": value} for value in (0.0, 0.8)]
+    ball = {"type": "sphere", "center": [0.1, 0.1, 0.5], "radius": 0.15, "bsdf": grey[0]}
     for i, (lamp, emitter) in enumerate(lamps.items()):
         for material, bsdf in [*materials.items()][i % 2 :: 2]:
-            yield f"{material}, {lamp}", {"lamp": emitter, "floor": {"type": "rectangle", "bsdf": bsdf}}
+            floor = {"type": "rectangle", "bsdf": bsdf}
+            yield f"{material}, {lamp}", {"lamp": emitter, "floor": floor, "ball": ball}, {}
+    walls = {"type": "cube", "flip_normals": True, "to_world": mi.ScalarTransform4f().scale(4), "bsdf": grey[1]}
+    for limits in {"max_depth": 3}, {"max_depth": 12, "rr_depth": 2}:
+        yield f"room, {limits}", {"lamp": lamps["sphere"], "walls": walls}, limits
 
 
 def images(integrator: Any, things: dict[str, Any], count: int = IMAGES) -> np.ndarray:
@@ -203,16 +240,17 @@ class Integrator(Tests):
         if np.array_equal(skies[0], skies[1]):
             add("blocks have the light of volpath", SKIPPED, "the image does not depend on the light")
             return
-        for name, things in scenes():
-            a, b = images(self.subject.load(), things), images(mi.load_dict({"type": "volpath"}), things)
+        props = self.subject.props
+        given = {key: props[key] for key in ("max_depth", "rr_depth", "hide_emitters") if key in props}
+        for name, things, limits in scenes():
+            if (limited := self.subject.changed(**limits)) is None:
+                continue
+            a, b = images(limited, things), images(mi.load_dict({"type": "volpath", **given, **limits}), things)
             self.report.require("pixels are finite", np.isfinite(a), name)
             add("images have the light of volpath", where=name, **welch(a.sum(axis=1), b.sum(axis=1), biased or 1e-4))
             if biased:
-                add(
-                    "blocks have the light of volpath",
-                    SKIPPED,
-                    f"it may move light between pixels; {biased:.0%} in all",
-                )
+                words = f"it may move light between pixels; {biased:.0%} in all"
+                add("blocks have the light of volpath", SKIPPED, words)
                 continue
             for i in range(BLOCKS**2):
                 add("blocks have the light of volpath", where=f"{name}, block {i}", **welch(a[:, i], b[:, i]))

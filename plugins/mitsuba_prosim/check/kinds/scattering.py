@@ -12,7 +12,7 @@ import numpy as np
 
 from ..inputs import contexts, directions, interaction, lit, rows, surface, uniform
 from ..report import FAILS, NOTE
-from ..statistics import chi_squared, mean_is
+from ..statistics import chi_squared, mean_is, welch
 from ..tests import Tests
 
 #: Number of random inputs of a test without statistics, and of samples of a mean.
@@ -38,8 +38,11 @@ class Queries:
         self.ctx, self.uv = ctx or mi.BSDFContext(), u[:2]
         self.si, self.u1, self.u2 = surface(self.wi, self.uv), mi.Float(u[2]), mi.Point2f(u[3:5])
         bs, weight = bsdf.sample(self.ctx, self.si, self.u1, self.u2)
-        self.weight, self.pdf, self.wo, self.eta = (rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta))
-        self.type = rows(bs.sampled_type, n)[0].astype(int)
+        self.sent, self.weight, self.pdf, self.wo, self.eta = (
+            weight,
+            *(rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta)),
+        )
+        self.type, self.lobe = (rows(v, n)[0].astype(int) for v in (bs.sampled_type, bs.sampled_component))
         self.valid = (self.pdf[0] > 0) & (self.weight > 0).any(axis=0)
         self.smooth = self.valid & ~self.has(mi.BSDFFlags.Delta)
         self.out = np.where(self.smooth & (u[5] < 0.5) & ~extreme, self.wo, other).astype(np.float32)
@@ -93,15 +96,19 @@ class BSDF(Tests):
         for name, values, least in (("eval()", q.value, 0), ("weight", q.weight, 0), ("pdf()", q.density, -np.inf)):
             self.report.finite(name, values, q.where, on=inside, least=least)
         self.report.unit("sampled directions", q.wo, q.where, on=q.valid)
+        albedo = rows(bsdf.eval_diffuse_reflectance(q.si), INPUTS)
+        right, on = np.abs(albedo - 0.5) < 0.501, bsdf.flags() & int(flag.Glossy) == 0
+        self.report.require("eval_diffuse_reflectance() is from 0 to 1", right, {"uv": q.uv}, on=on)
 
     def test_weights(self, bsdf: Any) -> None:
         """weight = eval() / pdf(), and eval_pdf() and eval_pdf_sample() agree with eval(), pdf() and sample()."""
-        importance, kinds = mi.BSDFContext(mi.TransportMode.Importance), int(mi.BSDFFlags.All)
+        importance, none, kinds = mi.BSDFContext(mi.TransportMode.Importance), mi.BSDFContext(), int(mi.BSDFFlags.All)
+        none.type_mask = 0
         for name, ctx, flags in [*contexts(bsdf, mi.BSDFContext), ("importance, ", importance, bsdf.flags())]:
             q = Queries(bsdf, ctx)
             drawn, wo = mi.Vector3f(q.wo), mi.Vector3f(q.out)
             where, sampled = ({name.rstrip(", "): (), **one} for one in (q.where, q.sampled))
-            self.samples(q.weight, q.pdf, bsdf.eval(ctx, q.si, drawn), bsdf.pdf(ctx, q.si, drawn), sampled, on=q.smooth)
+            self.samples(q.sent, q.pdf, bsdf.eval(ctx, q.si, drawn), bsdf.pdf(ctx, q.si, drawn), sampled, on=q.smooth)
             right = q.has(kinds) & ~q.has(kinds & ~flags)
             self.report.require("sampled_type is a lobe of flags()", right, sampled, on=q.valid)
             value, pdf, bs, weight = bsdf.eval_pdf_sample(ctx, q.si, wo, q.u1, q.u2)
@@ -112,19 +119,24 @@ class BSDF(Tests):
                 ("eval_pdf_sample() = eval(), pdf()", pdf, q.density),
                 ("eval_pdf_sample() = sample()", weight, q.weight),
                 ("eval_pdf_sample() = sample()", bs.pdf, q.pdf),
+                ("eval() is 0 if the context has no type", bsdf.eval(none, q.si, wo), 0),
                 ("eval() is 0 in inactive lanes", bsdf.eval(ctx, q.si, wo, mi.Bool(False)), 0),
             ):
                 self.report.equal(test, a, b, where)
+
+    everywhere = test_weights
 
     def test_lobes(self, bsdf: Any) -> None:
         """A sample goes where its type says, the types are those of the flags, and so is where the BSDF is not 0."""
         q, flag = Queries(bsdf), mi.BSDFFlags
         lobes = np.array([bsdf.flags(i) for i in range(bsdf.component_count())] or [0])
-        union, kinds, allowed = int(np.bitwise_or.reduce(lobes)), int(flag.All), np.zeros(INPUTS, dtype=bool)
-        for one in lobes[lobes & int(flag.Smooth) != 0]:
+        union, kinds = int(np.bitwise_or.reduce(lobes)), int(flag.All)
+        allowed, sided = np.zeros((2, INPUTS), dtype=bool)
+        for one in lobes:
             side = np.where(q.wi[2] > 0, one & int(flag.FrontSide), one & int(flag.BackSide)) != 0
             lobe = np.where(q.wi[2] * q.out[2] > 0, one & int(flag.Reflection), one & int(flag.Transmission)) != 0
-            allowed |= side & lobe
+            allowed |= side & lobe & (one & int(flag.Smooth) != 0)
+            sided |= side & q.has(one & kinds)
         for one in lobes & kinds:
             self.report.require("every lobe of the flags is sampled", [(q.has(one) & q.valid).any()], f"type {one:#x}")
         worst = NOTE if is_fibre(bsdf) else FAILS
@@ -138,6 +150,8 @@ class BSDF(Tests):
         refracts = passes & ~reflects & inclined & (np.abs(q.eta[0] - 1) > 1e-3)
         for test, on, right, share in (
             ("flags() = those of all components", True, bsdf.flags() == union, 0),
+            ("the flags have the side of a sample", not is_fibre(bsdf), sided, 0),
+            ("sampled_component has the type", True, lobes[q.lobe % len(lobes)] & q.type != 0, 0),
             ("reflection stays on its side", reflects & ~passes, cos > -1e-4, 0),
             ("transmission leaves its side", passes & ~reflects, cos < 1e-4, 0),
             ("a null lobe goes straight on", q.has(flag.Null), np.abs(q.wo + q.wi) < 1e-3, 0),
@@ -169,27 +183,24 @@ class BSDF(Tests):
                 self.density(name + angle, bsdf, ctx, at)
 
     def test_means(self, bsdf: Any) -> None:
-        """No direction reflects and transmits more than arrives, and ideal lobes have their probability."""
+        """Albedos are at most 1, the components have that of the whole, and ideal lobes have their probability."""
         delta, u = int(mi.BSDFFlags.Delta), uniform(SAMPLES, 3, 3)
         for angle, at in incidences(bsdf):
-            ctx = mi.BSDFContext(mi.TransportMode.Importance)
-            bs, weight = bsdf.sample(ctx, at(SAMPLES), mi.Float(u[0]), mi.Point2f(u[1:]))
-            weight, pdf, kind = (rows(v, SAMPLES) for v in (weight, bs.pdf, bs.sampled_type))
+            found = []
+            for _, ctx, _ in contexts(bsdf, mi.BSDFContext):
+                ctx.mode = mi.TransportMode.Importance
+                found.append(bsdf.sample(ctx, at(SAMPLES), mi.Float(u[0]), mi.Point2f(u[1:])))
+            weight, *parts = (rows(one, SAMPLES) for _, one in found)
+            pdf, kind = (rows(v, SAMPLES) for v in (found[0][0].pdf, found[0][0].sampled_type))
             brightest = weight[np.argmax(weight.mean(axis=1))]
             self.report.add("albedo at most 1", where=angle, **mean_is(brightest, 0, 1.002))
+            if parts:
+                sums = welch(np.sum(parts, axis=(0, 1)) / len(weight), weight.mean(axis=0))
+                self.report.add("components add up to the whole", where=angle, **sums)
             ideal = (kind[0].astype(int) & delta != 0) & (pdf[0] > 0)
             for stated in np.unique(pdf[0, ideal].round(4)):
                 share = mean_is(ideal & (np.abs(pdf[0] - stated) < 1e-4), stated - 1e-3, stated + 1e-3)
                 self.report.add("ideal lobes have their probability", where=f"{angle}, pdf {stated:.4f}", **share)
-
-    def test_components(self, bsdf: Any) -> None:
-        """The values of the components add up to the whole."""
-        q, ctxs = Queries(bsdf), [ctx for name, ctx, _ in contexts(bsdf, mi.BSDFContext) if name]
-        parts = [rows(bsdf.eval(ctx, q.si, mi.Vector3f(q.out)), INPUTS) for ctx in ctxs]
-        if q.value.any() and parts and all(np.allclose(part, q.value) for part in parts):
-            self.report.add("components add up to the whole", NOTE, "it ignores the component of the context")
-        elif parts:
-            self.report.equal("components add up to the whole", sum(parts), q.value, q.where)
 
     def test_symmetry(self, bsdf: Any) -> None:
         """f(wi, wo) = f(wo, wi), where radiance one way is importance the other way."""
@@ -270,6 +281,16 @@ class Medium(Tests):
         self.report.equal("transmittance is exponential", through, expected)
         self.report.equal("pdf of a distance = majorant times transmittance", pdf, expected * majorant)
 
+    def inputs(self, n: int) -> list[np.ndarray]:
+        """Places in the unit cube."""
+        return [uniform(n, 3, 4)]
+
+    def values(self, medium: Any, p: Any, wavelengths: Any) -> dict[str, Any]:
+        """The coefficients."""
+        mei = interaction(mi.MediumInteraction3f, dr.width(p), wavelengths, p=p, t=mi.Float(1))
+        scattering, _, extinction = medium.get_scattering_coefficients(mei)
+        return {"sigma_s": scattering, "sigma_t": extinction, "majorant": medium.get_majorant(mei)}
+
 
 def seen(wi: Any, n: int | None = None, wavelengths: Any = None) -> Any:
     """Points of a medium that are seen from the directions ``wi``."""
@@ -298,6 +319,8 @@ class PhaseFunction(Tests):
             self.report.finite("weight", weight, where)
             self.report.unit("sampled directions", wo, where)
             self.samples(weight, pdf, *self.evaluate(phase, ctx, seen(wi), wo), where)
+
+    everywhere = test_samples
 
     def draw(self, phase: Any, ctx: Any, mei: Any, u: Any) -> tuple[Any, Any, Any]:
         """A sample."""

@@ -20,7 +20,7 @@ SAMPLES, CELLS, POINTS = 2**18, 51, (6, 24)
 
 #: RMS relative difference of density and samples below which a significant difference does not count: Mitsuba's own
 #: rational approximations reach it.
-RELATIVE = 0.03
+RELATIVE = 0.02
 
 
 def sidak(significance: float, count: int) -> float:

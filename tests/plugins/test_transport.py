@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compat import to_world_name
+from mitsuba_prosim.scene.background import with_background_emitter
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
@@ -16,6 +17,7 @@ BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": 0.5, "roughness": 0.4}
 LAMBERTIAN = {"type": "prosim_lambertian", "reflectance": 0.5}
 MIRROR = {"type": "conductor"}
+PATH = {"type": "path"}
 ROUGH = {"type": "roughconductor", "alpha": 0.3}
 
 bounces = pytest.mark.parametrize("bounces", [0, 3, -1], ids=["tree", "paths by two rays", "paths"])
@@ -41,22 +43,30 @@ def test_an_instance_looks_as_what_it_is_of(variant_scalar):
     assert images[1].mean() == pytest.approx(images[0].mean(), rel=0.05)
 
 
+def of_a_group(bsdf, ids=("", ""), sky='<emitter type="constant"/>'):
+    """A ball and a card in an instance; ``ids``: their attributes in XML."""
+    ball, card = (f'<shape type="{kind}" {name}>{{}}</shape>' for kind, name in zip(("sphere", "rectangle"), ids))
+    card = card.format('<transform name="to_world"><translate x="1.5"/></transform>')
+    group = f'<shape type="shapegroup" id="g">{ball.format(f"""<bsdf type="{bsdf}"/>""")}{card}</shape>'
+    return mi.load_string(f"""<scene version="3.0.0"><integrator type="prosim"><integer name="max_level" value="3"/>
+        </integrator>{group}<shape type="instance"><ref id="g"/></shape>{sky}<sensor type="perspective">
+        <transform name="to_world"><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor>
+        </scene>""")
+
+
 @pytest.mark.parametrize("bsdf", ["conductor", "dielectric", "principled"])
 def test_shapes_of_a_group_need_no_ids(variant_rgb, bsdf):
     """The light of a tree's mirror, glass and so on was missing if another shape of the group had no id, either."""
+    images = [mi.render(of_a_group(bsdf, ids), spp=4, seed=1) for ids in (("", ""), ('id="ball"', 'id="card"'))]
+    assert np.array_equal(*images)
 
-    def image(ids):
-        ball, card = (f'<shape type="{kind}" {name}>{{}}</shape>' for kind, name in zip(("sphere", "rectangle"), ids))
-        card = card.format('<transform name="to_world"><translate x="1.5"/></transform>')
-        group = f'<shape type="shapegroup" id="g">{ball.format(f"""<bsdf type="{bsdf}"/>""")}{card}</shape>'
-        text = f"""<scene version="3.0.0"><integrator type="prosim"><integer name="max_level" value="3"/></integrator>
-            {group}<shape type="instance"><ref id="g"/></shape><emitter type="constant"/><sensor type="perspective">
-            <transform name="to_world"><lookat origin="0, 0, 6" target="0, 0, 0" up="0, 1, 0"/></transform>
-            <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="8"/></film></sensor>
-            </scene>"""
-        return np.array(mi.render(mi.load_string(text), spp=4, seed=1))
 
-    assert np.array_equal(image(("", "")), image(('id="ball"', 'id="card"')))
+def test_background_lights_instances_for_other_integrators(variant_rgb):
+    black = of_a_group("conductor", sky="")
+    lit, path = with_background_emitter(black, mi.load_dict(rgb(1, 1, 1))), mi.load_dict(PATH)
+    image = np.array(mi.render(lit, sensor=black.sensors()[0], integrator=path, spp=4, seed=1))
+    assert np.allclose(image, mi.render(of_a_group("conductor"), integrator=path, spp=4, seed=1)) and image.any()
 
 
 def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):

@@ -6,6 +6,8 @@ from typing import Any
 
 import mitsuba as mi
 
+from ..optics import nested
+
 
 def can_light(background: Any) -> bool:
     """Whether the ``background`` of an integrator is None, a constant colour or a bitmap, so that it can light."""
@@ -27,7 +29,8 @@ def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene
     sky = {"type": "constant", "radiance": background}
     if background.is_spatially_varying():
         sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
-    parts = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
+    shapes = [*scene.shapes(), *(part for part in nested.parts(scene).values() if isinstance(part, mi.Shape))]
+    parts = {f"shape_{i}": shape for i, shape in enumerate(dict.fromkeys(shapes))}  # also the groups of instances
     parts |= {f"emitter_{i}": emitter for i, emitter in enumerate(scene.emitters()) if emitter.get_shape() is None}
     names = {part: part.id() for part in parts.values()}
     try:

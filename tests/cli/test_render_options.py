@@ -50,6 +50,7 @@ from tqdm import tqdm
         ("--view tev --frames 0:2", "--view"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
+        ("--snapshots 1s -m scalar_rgb", "--snapshots: scalar_rgb"),
         ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
         ("--part 1/2 --time 2", "need the whole image"),
         ("--part 1/2 --denoise", "--denoise needs the whole image"),

@@ -70,8 +70,10 @@ def test_the_tone_curve_keeps_the_range_the_order_and_the_colours():
     assert np.allclose(shown[..., 1], shown[..., 0] / 2, atol=1e-6)
 
 
-def test_spectral_bins_have_no_png(variant_spectral):
-    bitmap = mi.Bitmap(np.zeros((4, 6, 5), dtype=np.float32), mi.Bitmap.PixelFormat.MultiChannel)
+@pytest.mark.parametrize("number", range(1, 6))
+def test_spectral_bins_have_no_png(variant_spectral, number):
+    names = [f"b{k}" for k in range(number)]
+    bitmap = mi.Bitmap(np.zeros((4, 6, number), dtype=np.float32), mi.Bitmap.PixelFormat.MultiChannel, names)
     assert set(images.encode(bitmap, {})) == {".exr"}
 
 

@@ -309,7 +309,7 @@ def make_job(options: dict[str, Any]) -> Job:
     options["definitions"] = dict(options.get("definitions", ()))
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])
-        progressive = (*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
+        progressive = (*TARGETS, "snapshots", "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
         refuse_scalar(option_names(name for name in progressive if name in given), options["variant"])
     return Job(**options)
 

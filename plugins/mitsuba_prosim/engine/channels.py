@@ -39,6 +39,8 @@ class Channels:
         self.names = [*own, "W", *aov_names]
         #: Names of the AOVs of the film, which follow its own channels.
         self.aov_names = aov_names + self.own_aovs
+        if self.special and self.aov_names:  # Mitsuba would end the process
+            raise ValueError(f"{film.class_name()} stores spectral bands, without AOVs and layers; use an hdrfilm")
 
     def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         """Returns the values of the film's own channels, without AOVs, for a sample whose filter weight is 1.

@@ -48,7 +48,10 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     """Returns the linear colours of a film's image, shape (height, width, 3), without AOVs; None if the film stores
     values that are not colours, such as spectral bins. Grey values and XYZ colours are converted to RGB.
     """
-    layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    try:
+        layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
+    except RuntimeError:  # of three bands, which Mitsuba takes for R, G and B
+        return None
     if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
         return None
     return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))

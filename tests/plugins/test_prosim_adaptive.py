@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from scenes import COPPER, CROP, derivative, in_threads, penumbra, rgb
+from scenes import COPPER, CROP, camera, derivative, film, in_threads, load_scene, penumbra, rgb
 
 
 def adaptive(nested, **settings):
@@ -208,3 +208,12 @@ def test_images_without_samples_are_refused(variant, integrator):
     if variant == "scalar_rgb" or not any(hasattr(each, "progressive") for each in (integrator, nested)):
         with pytest.raises(ValueError, match="sample_count = 0 samples per pixel; give 1 or more"):
             integrator.render(scene)
+
+
+@pytest.mark.parametrize("nested, warned", [("plastic", True), ("roughplastic", False)])
+def test_blend_that_path_renders_wrongly_causes_one_warning(variant, logged, nested, warned):
+    """Mitsuba's ``blendbsdf`` adds densities of smooth lobes to those of ideal ones."""
+    blend = {"type": "blendbsdf", "weight": 0.5, "a": {"type": nested}, "b": {"type": "diffuse"}}
+    scene = load_scene(sensor=camera([0, 0, 4], [0, 0, 0], film(1)), card={"type": "rectangle", "bsdf": blend})
+    mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}}).render(scene, spp=1)
+    assert sum("blendbsdf" in text for _, text in logged) == len(logged) == warned

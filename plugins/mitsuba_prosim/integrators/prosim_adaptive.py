@@ -113,7 +113,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
         """Returns the result of the nested integrator along ``ray``, with the AOVs of both; ``samples`` and ``error``,
         which are statistics of a pixel, are 0.
         """
-        L, alpha, others = InnerIntegrator(self.nested, scene, medium)(ray, SamplerPoints(sampler), active)
+        # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
+        transport = self._scalar or InnerIntegrator(self.nested, scene, medium)
+        L, alpha, others = transport(ray, SamplerPoints(sampler), active)
         aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
         return L, alpha > 0.5, others + aovs
 

@@ -34,7 +34,7 @@ import mitsuba as mi
 from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, is_mirrored_cylinder
 from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
-from ..optics.nested import Leaf, all_within, leaves, parts
+from ..optics.nested import Leaf, all_bsdfs, all_within, leaves, parts
 from . import lobes
 from .lobes import LobePoint
 
@@ -43,7 +43,7 @@ EDGE = 1e-3
 
 
 def warn_of_lost_light(scene: mi.Scene) -> None:
-    """Warns of ``area`` emitters whose light Mitsuba's own integrators may lose."""
+    """Warns of ``area`` emitters and ``blendbsdf`` whose light Mitsuba's own integrators may lose or increase."""
     varies = mi.EmitterFlags.SpatiallyVarying
     lost = [
         name_of(e)
@@ -59,6 +59,13 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
             mi.LogLevel.Warn,
             f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
             "loses points of the texture. Use prosim_area in its place.",
+        )
+    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if _mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
+    if blends:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {', '.join(map(repr, blends))} may reflect too little or too much light: Mitsuba's blendbsdf "
+            'adds the density of smooth lobes to that of mirrors, clear glass and holes. Render with "prosim".',
         )
 
 

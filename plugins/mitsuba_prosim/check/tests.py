@@ -198,9 +198,8 @@ class Tests:
             for name, found in exact.items():
                 slope = np.abs(near[name])
                 steady = (np.abs(wide[name] - near[name]) <= 0.05 * slope) & (slope * h > 3e-4 * np.abs(rows(found)))
-                self.report.equal(
-                    "derivatives = differences", dr.grad(found), near[name], f"{name} by {key}", on=steady, share=0.05
-                )
+                test, where = "derivatives = differences", f"{name} by {key}"
+                self.report.equal(test, dr.grad(found), near[name], where, on=steady, share=0.05)
 
     def again_extremes(self) -> None:
         """Values stay finite and not negative with extreme parameters, unless the plugin refuses them."""

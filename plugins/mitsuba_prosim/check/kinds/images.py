@@ -43,9 +43,10 @@ class Sensor(Tests):
         pixel = np.diag(1 / np.array(sensor.film().crop_size()))
         for step, o, d in (pixel[0], other.o_x, other.d_x), (pixel[1], other.o_y, other.d_y):
             there, _ = rays(sensor.sample_ray, np.float32(film + step[:, None]))
-            found, expected = (rows(one) - rows(ray.o + ray.d, INPUTS) for one in (o + d, there.o + there.d))
-            test, on = "differentials are the rays of the next pixels", rows(other.has_differentials)
-            self.report.equal(test, found, expected, where, (0.05, 0.05), on=on)
+            test, on = "differentials are the rays of the next pixels", rows(other.has_differentials).astype(bool)
+            self.report.equal(test, d - ray.d, there.d - ray.d, where, (0.05, 0.05), on=on)
+            parallel = on & (rows(there.d) == rows(ray.d))  # the near clip plane moves other origins
+            self.report.equal(test, o - ray.o, there.o - ray.o, where, (0.05, 0.05), on=parallel)
 
     def test_crop(self, sensor: Any) -> None:
         """A crop is a part of the whole."""
@@ -114,9 +115,8 @@ class Film(Tests):
             block.put(mi.Point2f(x + np.array(film.crop_offset())[:, None]), [*values, mi.Float(1)])
             film.put_block(block)
             found = np.array(film.develop(), dtype=float) - (1 + slope * (centres[0] + 2 * centres[1]))[..., None]
-            self.report.require(
-                f"samples of a {shape} give a {shape}", np.abs(found).max(axis=-1).ravel() < error, share=0.01
-            )
+            right = np.abs(found).max(axis=-1).ravel() < error
+            self.report.require(f"samples of a {shape} give a {shape}", right, share=0.01)
         film.clear()
         self.report.require("clear() empties the film", [not np.nan_to_num(np.array(film.develop(raw=True))).any()])
 
@@ -127,9 +127,8 @@ class ReconstructionFilter(Tests):
     def test_values(self, rfilter: Any) -> None:
         """eval() is symmetric, 0 beyond the radius, and positive on the whole."""
         x = uniform(INPUTS, 1)[0] * rfilter.radius()
-        value, mirrored, beyond = (
-            rows(rfilter.eval(mi.Float(v)), INPUTS) for v in (x, -x, x + 1.001 * rfilter.radius())
-        )
+        places = x, -x, x + 1.001 * rfilter.radius()
+        value, mirrored, beyond = (rows(rfilter.eval(mi.Float(v)), INPUTS) for v in places)
         where = {"x": x}
         self.report.require("eval() is finite", np.isfinite(value), where)
         self.report.equal("eval() is symmetric", mirrored, value, where)
@@ -233,13 +232,10 @@ class Integrator(Tests):
     def test_images(self, integrator: Any) -> None:
         """Blocks of images have the means of the reference, and at most four times its variance."""
         add, biased = self.report.add, BIASED.get(self.subject.name)
-        skies = [
-            images(integrator, {"lamp": {"type": "constant", "radiance": v}, "ball": {"type": "sphere"}}, 1)
-            for v in (1.0, 3.0)
-        ]
-        if np.array_equal(skies[0], skies[1]):
-            add("blocks have the light of volpath", SKIPPED, "the image does not depend on the light")
-            return
+        skies = [{"sky": {"type": "constant", "radiance": v}, "ball": {"type": "sphere"}} for v in (1.0, 3.0)]
+        dim, bright = (images(integrator, sky, 1) for sky in skies)
+        if np.array_equal(dim, bright):
+            raise NotImplementedError("the image does not depend on the light")
         props = self.subject.props
         given = {key: props[key] for key in ("max_depth", "rr_depth", "hide_emitters") if key in props}
         for name, things, limits in scenes():

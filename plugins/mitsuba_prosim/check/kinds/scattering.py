@@ -38,10 +38,8 @@ class Queries:
         self.ctx, self.uv = ctx or mi.BSDFContext(), u[:2]
         self.si, self.u1, self.u2 = surface(self.wi, self.uv), mi.Float(u[2]), mi.Point2f(u[3:5])
         bs, weight = bsdf.sample(self.ctx, self.si, self.u1, self.u2)
-        self.sent, self.weight, self.pdf, self.wo, self.eta = (
-            weight,
-            *(rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta)),
-        )
+        self.sent = weight
+        self.weight, self.pdf, self.wo, self.eta = (rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta))
         self.type, self.lobe = (rows(v, n)[0].astype(int) for v in (bs.sampled_type, bs.sampled_component))
         self.valid = (self.pdf[0] > 0) & (self.weight > 0).any(axis=0)
         self.smooth = self.valid & ~self.has(mi.BSDFFlags.Delta)

@@ -113,9 +113,8 @@ class Texture(Tests):
             si.wavelengths, weight = texture.sample_spectrum(si, mi.sample_shifted(mi.Float(uniform(INPUTS, 1, 8)[0])))
             found = rows(weight) * rows(texture.pdf_spectrum(si))
             self.report.equal("weight of a wavelength = eval() / pdf_spectrum()", found, texture.eval(si))
-            self.report.add(
-                "samples follow pdf_spectrum()", **chi_squared(sample, density, 1, mi.MI_CIE_MAX, mi.MI_CIE_MIN)
-            )
+            found = chi_squared(sample, density, 1, mi.MI_CIE_MAX, mi.MI_CIE_MIN)
+            self.report.add("samples follow pdf_spectrum()", **found)
 
     def inputs(self, n: int) -> list[np.ndarray]:
         """Places, some beyond [0, 1)."""

@@ -124,14 +124,16 @@ def test_a_cube_from_a_file_is_as_large_as_the_languages_own(tmp_path, name, tre
         assert found[0] > 0 and found == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.parametrize("side", [1, -1], ids=["", "inside out"])
 @pytest.mark.parametrize("kind", ["ply", "obj"])
-def test_normals_and_texture_coordinates_of_the_file(kind):
+def test_normals_and_texture_coordinates_of_the_file(kind, side):
     """They are interpolated; a normal that looks to the other side gives way to the face's own."""
+    squares = [s[::side] for s in SQUARES]
     normals = CUBE.vertices - 0.5 + [0, 0, 0.1]
     normals[7] *= -1
-    table = np.concatenate([CUBE.vertices, normals, CUBE.vertices[:, :2] * 3], axis=1)
+    table = np.concatenate([CUBE.vertices, side * normals, CUBE.vertices[:, :2] * 3], axis=1)
     if kind == "ply":
-        data = ply("ascii", SQUARES, table, ["x", "y", "z", "nx", "ny", "nz", "u", "v"])
+        data = ply("ascii", squares, table, ["x", "y", "z", "nx", "ny", "nz", "u", "v"])
         data = data.replace(b"float", b"double").replace(b"vertex_indices", b"vertex_index")
     else:
         rows = [
@@ -139,7 +141,7 @@ def test_normals_and_texture_coordinates_of_the_file(kind):
             for v in table.tolist()
             for word, part in (("v", slice(3)), ("vn", slice(3, 6)), ("vt", slice(6, 8)))
         ]
-        data = "\n".join([*rows, *("f " + " ".join(f"{i + 1}/{i + 1}/{i + 1}" for i in s) for s in SQUARES)]).encode()
+        data = "\n".join([*rows, *("f " + " ".join(f"{i + 1}/{i + 1}/{i + 1}" for i in s) for s in squares)]).encode()
     solid = MeshFile(data)
     mesh = solid.mesh(0, np.eye(4))
     p = mesh.vertices[mesh.triangles]
@@ -230,6 +232,7 @@ WRONG = {
     "fraction.ply": (ply("ascii").replace(b"9 4 0 1", b"9 4.5 0 1", 1), "does not agree with its header"),
     "word-row.ply": (ply("ascii").replace(b"0.0 0.0 1.0\n", b"0.0 x 1.0\n", 1), "cannot be read"),
     "corner.obj": (obj([*SQUARES, (0, 1, 8)]), "a corner that does not exist"),
+    "no-uv.obj": ("\n".join(VERTICES + FACES).replace("f 1", "f 1/1").encode(), "a corner that does not exist"),
     "zero.obj": (obj() + b"\nf 0 1 2", "a face has a corner 0"),
     "word.obj": (obj() + b"\nv a b c", "it is damaged, or in another format"),
     "two.obj": (b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3", "a vertex has 2 numbers"),

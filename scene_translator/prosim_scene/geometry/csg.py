@@ -76,11 +76,10 @@ def count_cut_media(tree: Tree, media_of: Sequence[int]) -> np.ndarray:
 class Body:
     """A solid of one medium: a leaf of the CSG tree, or the result of Boolean operations.
 
-    ``manifold()`` returns the mesh of the body. ``boxes`` (n, 10, 3) has 10 points for each of the n leaves of the
-    body: the minimum and the maximum corner of the leaf's box along the axes of the world, and the eight corners of the
-    primitive's own box, transformed to the world. ``surfaces`` are the numbers of the shared surfaces on which faces of
-    the body may lie. ``planes`` are all planes of the scene on which facets of several bodies may lie. The attribute
-    ``solid`` of a leaf is the same object for equal leaves; ``solid`` is None for the result of an operation.
+    ``manifold()`` returns the mesh of the body. ``boxes`` (n, 2, 3) are the boxes of its n leaves. ``surfaces`` are the
+    numbers of the shared surfaces on which faces of the body may lie. ``planes`` are all planes of the scene on which
+    facets of several bodies may lie. The attribute ``solid`` of a leaf is the same object for equal leaves; ``solid``
+    is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
@@ -284,7 +283,7 @@ SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the 
 
 
 def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns how many boxes with less than 1/8 of its volume (SMALL) touch each of n boxes (n, 10, 3)."""
+    """Returns how many boxes with less than 1/8 of its volume (SMALL) touch each of n boxes (n, 2, 3)."""
     result = np.zeros(len(boxes), int)
     size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
     for pair in sweep(boxes[:, 0], boxes[:, 1]):

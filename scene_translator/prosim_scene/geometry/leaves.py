@@ -151,9 +151,8 @@ def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Lea
     boxes = world_box_corners(solids)[solid]
     low, high = boxes.min(axis=1) - thickness, boxes.max(axis=1) + thickness
     quadrics = np.concatenate([s.primitive.quadrics for s in solids])
-    surface = np.empty(0, int)
-    if any(counts):
-        surface = same_surfaces(quadrics, np.array([s.to_world for s in solids])[solid], low, high)
+    to_world = np.array([s.to_world for s in solids])[solid]
+    surface = same_surfaces(quadrics, to_world, low, high) if any(counts) else solid
     users = np.bincount(surface, uses[solid])
     shared = np.where(users[surface] > 1, surface, -1)
     result = []

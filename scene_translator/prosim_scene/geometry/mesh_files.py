@@ -21,7 +21,7 @@ DEPTH = 1e-8
 
 class MeshFile(Primitive):
     """A closed mesh from a file. Each triangle of the mesh file is a separate face of the solid, with a single facet.
-    Faces of a mesh file are never treated as coincident with faces of other solids.
+    Faces of a mesh file are only treated as coincident with those of a copy of the solid.
 
     A normal of the file is used if it points outwards; otherwise the normal of the triangle is used. The texture
     coordinates uv are those of the file; where the file has no uv, they are (x, y) in the coordinates of the file.
@@ -39,11 +39,10 @@ class MeshFile(Primitive):
         """
         self.name = f"mesh {hashlib.sha256(data).hexdigest()}"
         try:
-            content = parse(data)
-            index, uv, normals = content.index, content.uv, content.normals
-            for i, (table, width) in enumerate(((content.points, 3), (uv, 2), (normals, 3))):
+            points, index, uv, normals = parse(data)
+            for i, (table, width) in enumerate(((points, 3), (uv, 2), (normals, 3))):
                 _check_table(table, index[..., i], width, least=-1 if i else 0)
-            points, number = np.unique(content.points + 0.0, axis=0, return_inverse=True)  # adding 0.0 converts -0 to 0
+            points, number = np.unique(points + 0.0, axis=0, return_inverse=True)  # adding 0.0 converts -0 to 0
         except (ValueError, OverflowError, LookupError, TypeError) as error:
             why = error if isinstance(error, MeshError) else "it is damaged, or in another format"
             raise ValueError(f"cannot be read: {why}; expected a closed mesh in PLY, OBJ, STL or OFF") from None
@@ -75,6 +74,8 @@ class MeshFile(Primitive):
         )
         #: Normals (m, 3, 3), 0 if the file has none, and uv (m, 3, 2), or NaN, at the corners of the triangles.
         self.normals = np.append(normals, [[0, 0, 0]], axis=0)[index[..., 2]]
+        if np.einsum("tcx,tx->", self.normals, self._flat) < 0:
+            self.normals *= -1
         self.uv = np.append(uv, [[np.nan, np.nan]], axis=0)[index[..., 1]]
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:

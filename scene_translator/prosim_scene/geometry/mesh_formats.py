@@ -5,9 +5,8 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +23,7 @@ HEADER = re.compile(rb"ply[ \t]*(\r\n|\r|\n).*?\1end_header[ \t]*\1", re.DOTALL)
 UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.
 STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
+POINT_ONLY = [True, False, False]  # of the three numbers of a corner
 CONTRADICTION = "its content does not agree with its header"
 #: The names of the properties of a PLY element, and their types. A list has two types: of its length and of its items.
 Properties = list[tuple[str, list[str]]]
@@ -33,19 +33,15 @@ class MeshError(ValueError):
     """The content of a mesh file is wrong; the message describes the reason to the user."""
 
 
-@dataclass(frozen=True)
-class MeshData:
-    """The content of a mesh file: tables of ``points`` (n, 3), ``uv`` (k, 2) and ``normals`` (l, 3); ``index`` (m, 3,
+class MeshData(NamedTuple):
+    """The content of a mesh file: tables of ``points`` (n, 3), ``uv`` (k, 2) and ``normals`` (l, 3); ``corners`` (m, 3,
     3) has, for each corner of each triangle, the numbers of its point, uv and normal, or -1 if the corner has none.
     """
 
     points: np.ndarray
-    index: np.ndarray
-    uv: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
-    normals: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-
-    def __post_init__(self) -> None:
-        self.index[..., [False, not len(self.uv), not len(self.normals)]] = -1
+    corners: np.ndarray
+    uv: np.ndarray = np.empty((0, 2))
+    normals: np.ndarray = np.empty((0, 3))
 
 
 def parse(data: bytes) -> MeshData:
@@ -105,7 +101,7 @@ def _ply_mesh(vertex: dict[str, Any], face: dict[str, Any]) -> MeshData:
         np.stack([vertex[name] for name in names], axis=-1).astype(float) if set(names) <= set(vertex) else np.empty(0)
         for names in ("xyz", uv_names, ("nx", "ny", "nz"))
     )
-    index = np.repeat(_fans(corners)[..., None], 3, axis=2)
+    index = np.where([True, uv.size > 0, normals.size > 0], _fans(corners)[..., None], -1)
     if "texcoord" in face:  # uv of each corner of a face, where the others have those of a vertex
         ends = np.cumsum([0, *map(len, corners)]).tolist()
         uv, index[..., 1] = np.concatenate(face["texcoord"]), _fans([range(*pair) for pair in pairwise(ends)])
@@ -184,7 +180,7 @@ def _separate(corners: np.ndarray) -> MeshData:
     if not len(corners):
         raise MeshError("it has no faces")
     index = np.arange(3 * len(corners)).reshape(-1, 3)
-    return MeshData(corners.reshape(-1, 3), np.repeat(index[..., None], 3, axis=2))
+    return MeshData(corners.reshape(-1, 3), np.where(POINT_ONLY, index[..., None], -1))
 
 
 def _off(text: str) -> MeshData:
@@ -195,7 +191,7 @@ def _off(text: str) -> MeshData:
     if n < 0 or len(faces) != int(counts[1]) or any(count > len(corners) for count, corners in faces):
         raise MeshError(CONTRADICTION)
     points, polygons = np.array(rows[:n], float)[:, :3], [corners[:count] for count, corners in faces]
-    return MeshData(points, np.repeat(_fans(polygons)[..., None], 3, axis=2))
+    return MeshData(points, np.where(POINT_ONLY, _fans(polygons)[..., None], -1))
 
 
 def _fans(polygons: Sequence[Any]) -> np.ndarray:

@@ -22,7 +22,7 @@ from .enclosure import warn_of_enclosure
 from .grouping import components
 from .leaves import Leaves, Tessellation, leaves_of, tessellation_of
 from .primitives import CornerAttributes, Mesh, Primitive
-from .solids import matrices, world_box_corners
+from .solids import matrices
 
 
 class Look(NamedTuple):
@@ -194,9 +194,7 @@ def _boundary(
         document.warn(f"{reason}use fewer of them, or the option --tolerance with a larger number", "csg")
 
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
-    # For each solid, the box of its mesh, enlarged by the thickness, and the eight corners of its rotated box.
     boxes = meshes.boxes + table.thickness * np.array([[-1.0], [1.0]])
-    boxes = np.append(boxes, world_box_corners(table.solids), axis=1)
     small_neighbours = csg.count_small_neighbours(boxes)
     # The number of a group is that of its first leaf.
     labels = components(boxes[:, 0], boxes[:, 1])[table.of_leaf]

@@ -73,7 +73,7 @@ def test_time_is_refused(variant_rgb):
     dr.enable_grad(params["light.emitter.radiance.value"])
     params.update()
     image = mi.render(scene, params)
-    with pytest.raises(RuntimeError, match="set samples, max_samples or noise in the place of time"):
+    with pytest.raises(RuntimeError, match="set samples, max_samples or noise instead of time"):
         dr.backward(dr.mean(image, axis=None))
 
 

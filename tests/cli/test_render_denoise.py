@@ -47,6 +47,8 @@ def test_denoise_option_refuses_missing_package_and_nested_denoiser(scene, monke
     needs_oidn()
     scene.write_text(scene_text('<integrator type="prosim_denoised"><integrator type="path"/></integrator>'))
     refused("prosim_denoised, already denoises; leave out --denoise", "render", scene, "--denoise")
+    scene.write_text(scene_text())
+    refused("denoising: light is unpolarised here", "render", scene, "--denoise", "-m", "llvm_ad_mono_polarized")
 
 
 def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(scene):

@@ -9,6 +9,7 @@ from functools import cached_property
 import mitsuba as mi
 import numpy as np
 
+from ..parameters import check_unpolarized
 from ..registry import create
 from ..sampling.hash import combine, hash32
 from ..transport.features import NAMES
@@ -117,6 +118,7 @@ def features(
 
 
 def check(film: mi.Film) -> None:
-    """Raises ValueError for a film that stores no colours."""
+    """Raises ValueError for a film that stores no colours, and in polarised variants."""
+    check_unpolarized("denoising")
     if mi.has_flag(film.flags(), mi.FilmFlags.Special):
         raise ValueError(f"{film.class_name()}: the denoiser needs colours; use an hdrfilm")

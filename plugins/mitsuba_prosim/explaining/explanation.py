@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -70,10 +69,6 @@ class Explanation:
     notes: tuple[str, ...]
     #: What the page draws besides: the patterns of random numbers, lobes, and boxes of shapes.
     drawing: dict[str, Any] = field(default_factory=dict, repr=False)
-
-    def json(self) -> str:
-        """Returns the explanation as JSON text."""
-        return json.dumps(asdict(self))
 
     def _repr_html_(self) -> str:
         """Returns the page of this explanation, without the image, within a frame for a notebook."""
@@ -328,11 +323,11 @@ def places(file: SceneFile) -> Places:
         found = {node.props.id(): PLACE.search("At " + mi.parser.file_location(file.state, node)) for node in nodes}
         lines = {key: (line[2], f"{Path(line[1]).name}, line {line[2]} ({key})") for key, line in found.items() if line}
         return {key: (f"{key} (line {number})", place) for key, (number, place) in lines.items()}
-    numbers = {document.name_of(node): number for number, (node, _) in enumerate(document.scene.leaves)}
+    leaf_lines = {document.name_of(node, whole=True): document.line("csg", node) for node, _ in document.scene.leaves}
     named = {}
     for what, line, key in COMMENT.findall(file.xml.read_text(encoding="utf-8")):
         of = what.partition(" of ")[2].partition(" towards ")[0]
-        leaves = [numbers[name] for name in of.split(", ") if name in numbers]
-        name = document.names_of(leaves) + ", ..." * of.endswith("...") if leaves else f"{what} (line {line})"
+        leaves = [f"{name} (line {leaf_lines[name]})" for name in of.split(", ") if name in leaf_lines]
+        name = ", ".join(leaves) + ", ..." * of.endswith("...") if leaves else f"{what} (line {line})"
         named[key] = (name, f"{file.path.name}, line {line} ({what})")
     return named

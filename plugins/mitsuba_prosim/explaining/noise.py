@@ -125,21 +125,21 @@ def sentences(
         "The shares overlap, because some of these random numbers matter only together.": sum(found.values()) > 1.1,
         "No single kind of random numbers carries half of it.": found[order[0]] < 0.5,
         f"The brightest further sample is {times} any sample here; more samples would show such.": brighter > BRIGHTER,
-        f"In {which} farthest from the mean, {light} differs most from that in a middle sample.": True,
+        f"In {which} farthest from the mean, {light} differs most from that in a middle sample.": light,
         f"What would help: {remedy}.": True,
     }
     return tuple(sentence for sentence, holds in said.items() if holds)
 
 
 def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> tuple[str, str]:
-    """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`), and what
-    would reduce the noise, whose :func:`shares` are ``found``.
+    """Returns the name of the light whose weighted sum differs most from 0 (:meth:`.Samples.deviations`), empty if all
+    sums are 0, and what would reduce the noise, whose :func:`shares` are ``found``.
     """
-    amounts = lights(recorder, weights)
-    name, focused = max(amounts, key=lambda light: abs(amounts[light]))
+    amounts = lights(recorder, weights).items()
+    (name, focused), amount = max(amounts, key=lambda item: abs(item[1]), default=(("", False), 0.0))
     dimension = max(found, key=found.__getitem__, default="")
     advice = DIMENSIONS[dimension][1] if found.get(dimension, 0) >= 0.05 else "more samples"
-    return name, advice + ", and photons (caustics)" * (focused and dimension == "lobe")
+    return name * bool(amount), advice + ", and photons (caustics)" * (focused and dimension == "lobe")
 
 
 def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, bool], float]:

@@ -62,11 +62,11 @@ class Document:
         names = [*dict.fromkeys(f"{self.name_of(number)} (line {self.line('csg', number)})" for number in numbers)]
         return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
 
-    def name_of(self, number: int) -> str:
-        """Returns the name of node ``number`` of the CSG tree, a leaf, which may be in a named solid."""
+    def name_of(self, number: int, whole: bool = False) -> str:
+        """Returns the name of node ``number`` of the CSG tree, a leaf; ``whole``: of the named solid around it."""
         leaf: Any = self.scene.csg[number]
         shape, words = leaf.shape.upper(), self.text_of("csg", number).split()
-        return f"{shape} {leaf.index}" if str(leaf.index) in words else f"a {shape} in {' '.join(words)}"
+        return f"{shape} {leaf.index}" if str(leaf.index) in words else f"a {shape} in " * (not whole) + " ".join(words)
 
     def surface_name(self, index: int) -> str:
         """Returns the name of a SURFACE in the text, where primitives of named solids have that of their solid."""

@@ -123,7 +123,7 @@ def _shapes(
         number, leaf = scene.leaves[groups[key.material][0]]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
-        names = [*dict.fromkeys(map(document.name_of, numbers))]
+        names = [*dict.fromkeys(document.name_of(number, whole=True) for number in numbers)]
         leaf_names = ", ".join(names[:3]) + ", ..." * (len(names) > 3)
         name = f"surface_{leaf.index}"
         while name in result:

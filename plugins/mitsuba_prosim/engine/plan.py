@@ -186,8 +186,8 @@ class Plan:
         if self.uses_sobol:
             shared = dr.opaque(mi.UInt32, self.shared)
             shares = t < shared
-            index = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0) + t
-            return Sobol(pixel_key(self.seed, dr.select(shares, 0, pixel)), index, dr.opaque(mi.UInt32, self.n))
+            first = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0)
+            return Sobol(pixel_key(self.seed, dr.select(shares, 0, pixel)), t, dr.opaque(mi.UInt32, self.n), first)
         return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 
 

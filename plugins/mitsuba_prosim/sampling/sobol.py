@@ -3,8 +3,10 @@
 The method is by Sobol' (1967), Owen (1995) and Burley (2020, Practical hash-based Owen scrambling). Every space uses
 the first two dimensions of Sobol's sequence, shuffled and scrambled by its own hash key, so that the points of
 different spaces are unrelated. If the unit square is divided into 2^k equal dyadic rectangles of any proportions, every
-block of 2^k samples that begins at a multiple of 2^k has one sample in each rectangle. A sample is a pure function of
-seed, pixel, space and index.
+block of 2^k samples that begins at a multiple of 2^k has one sample in each rectangle; blocks of less than 8 samples
+only at the beginning. Each space has its own order of the samples of a block of 8: if two samples far apart in one
+space were far apart in all, light that depends on two spaces would be noisier than with independent samples. A sample
+is a pure function of seed, pixel, space and index.
 """
 
 from __future__ import annotations
@@ -22,16 +24,20 @@ class Sobol:
     """The Sobol' sample number ``t`` of a pixel; each call returns one pair of random numbers of this sample.
 
     ``key`` is the :func:`.pixel_key`; ``t`` is an integer or a Dr.Jit array; ``n`` is the number of samples among which
-    the spectrum is divided (:mod:`.wavelengths`).
+    the spectrum is divided (:mod:`.wavelengths`); ``first`` is the index of the pixel's first sample in the sequence.
     """
 
-    def __init__(self, key: UInt, t: UInt, n: int = 1) -> None:
-        self.key, self.t, self.division = key, t, (t, n)
-        self.reversed = reverse(t)
+    def __init__(self, key: UInt, t: UInt, n: int = 1, first: UInt = 0) -> None:
+        self.key, self.t, self.division = key, first + t, (first + t, n)
+        few = dr.minimum(t, 15)
+        #: The bits of the index that number the samples of a block: those below the highest bit of ``t``, at most 3.
+        self.block = few >> 1 | few >> 2 | few >> 3
 
     def __call__(self, space: UInt, active: mi.Bool = True) -> mi.Point2f:
         """Returns the point of this sample, in [0, 1)², in the space number ``space``; ``active`` is ignored."""
-        return point(combine(self.key, space), self.reversed)
+        key = combine(self.key, space)
+        # Here lower bits change higher bits, and in :func:`point` higher bits change lower bits.
+        return point(key, reverse(self.t ^ ((self.t ^ scrambled(self.t, combine(key, 4))) & self.block)))
 
     def choice(self, space: UInt) -> mi.Float:
         """Returns a random number in [0, 1), which is not stratified, for a choice such as that of a lobe."""

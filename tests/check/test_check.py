@@ -145,6 +145,14 @@ def test_module_cannot_change_the_variant(tmp_path):
     assert mi.variant() == before
 
 
+def test_module_of_one_variant_is_not_tested_in_others(tmp_path):
+    lines = f"import mitsuba as mi, mutants\nassert mi.variant() == {mi.variant()!r}"
+    (tmp_path / "one_variant.py").write_text(lines)
+    report = check.bsdf("right_bsdf_pdf_too_large", modules=[str(tmp_path / "one_variant.py")])
+    assert "not tested" in {result.verdict for result in report.results if result.test == "variants agree"}
+    report.raise_if_wrong()
+
+
 def test_known_fault_of_nested_bsdf_is_a_note():
     report = check.bsdf({"type": "twosided", "nested": {"type": "principled", "metallic": 0.5}})
     assert "note" in {result.verdict for result in report.results}

@@ -50,6 +50,7 @@ from tqdm import tqdm
         ("--view tev --frames 0:2", "--view"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
+        ("--samples 2 --threshold 1 -m scalar_rgb", "--threshold, --samples: scalar_rgb"),
         ("--snapshots 1s -m scalar_rgb", "--snapshots: scalar_rgb"),
         ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
         ("--part 1/2 --time 2", "need the whole image"),

@@ -309,7 +309,8 @@ def make_job(options: dict[str, Any]) -> Job:
     options["definitions"] = dict(options.get("definitions", ()))
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])
-        progressive = (*TARGETS, "snapshots", "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster")
+        progressive = [*TARGETS, "snapshots", "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster"]
+        progressive += ["threshold", "samples"] if options["scene"].lower().endswith(".xml") else ["threshold"]
         refuse_scalar(option_names(name for name in progressive if name in given), options["variant"])
     return Job(**options)
 

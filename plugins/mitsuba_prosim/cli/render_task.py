@@ -83,8 +83,9 @@ class RenderTask:
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar(", ".join(name for name in TARGETS if getattr(integrator, name, 0)), job.variant)
-        if job.threshold is not None and integrator.adaptive in ("none", "graded" * integrator.sampling.has_target):
-            limit = " and a limit of noise or time" * integrator.sampling.has_target
+        unused = ("none", "graded") if integrator.sampling.has_target else ("none",)
+        if job.threshold is not None and integrator.adaptive in unused:
+            limit = " and a limit of noise or time" if integrator.sampling.has_target else ""
             raise ValueError(
                 f"--threshold has no effect with --adaptive {integrator.adaptive}{limit}; leave it out, or give "
                 "--adaptive neighbours."

@@ -226,6 +226,12 @@ MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMa
 EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse",)
 
 
+def emitter_samples(integrator: mi.Integrator) -> int:
+    """Returns the number of emitter samples of Mitsuba's ``direct``, which does not expose it; 1 for all others."""
+    found = re.match(r"DirectIntegrator\[\s*emitter_samples = (\d+)", str(integrator))
+    return int(found[1]) if found else 1
+
+
 # ---------------------------------------------------------------- emitters
 # A virtual function call is compiled for all emitters that exist. The method `eval_direction` of Mitsuba's
 # "directionalarea" raises an error, which would end the call for all other emitters too (3.9).

@@ -76,6 +76,12 @@ def test_wrong_arguments_are_named(variant_rgb, arguments, says):
         mitsuba_prosim.render(scene(), progress=False, **arguments)
 
 
+def test_dictionary_that_would_end_mitsuba_is_refused(variant_rgb):
+    wall = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap"}}}
+    with pytest.raises(ValueError, match=r'node "wall.bsdf.reflectance": this bitmap has no filename'):
+        mitsuba_prosim.render({**scene(), "wall": wall}, progress=False)
+
+
 def test_denoised_image_has_a_verdict(variant_rgb):
     pytest.importorskip("mitsuba_oidn")
     result = mitsuba_prosim.render(scene({"type": "prosim"}), spp=16, denoise=True, progress=False)

@@ -210,6 +210,19 @@ def test_images_without_samples_are_refused(variant, integrator):
             integrator.render(scene)
 
 
+def test_direct_that_brightens_point_lamps_causes_a_warning(variant_rgb, logged):
+    lamp = {"type": "point", "position": [0, 0, 2]}
+    scene = load_scene(sensor=camera([0, 0, 4], [0, 0, 0], film(1)), card={"type": "rectangle"}, lamp=lamp)
+    images = []
+    for count in (1, 3):
+        assert not logged
+        inner = {"type": "direct", "emitter_samples": count}
+        images.append(mi.load_dict({"type": "prosim_adaptive", "nested": inner}).render(scene, spp=1))
+    ((_, text),) = logged
+    assert "'lamp' will be 3 times too bright" in text
+    assert dr.allclose(images[1] / images[0], 3)  # the fault of Mitsuba
+
+
 @pytest.mark.parametrize("nested, warned", [("plastic", True), ("roughplastic", False)])
 def test_blend_that_path_renders_wrongly_causes_one_warning(variant, logged, nested, warned):
     """Mitsuba's ``blendbsdf`` adds densities of smooth lobes to those of ideal ones."""

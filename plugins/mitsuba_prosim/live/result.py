@@ -18,7 +18,7 @@ from ..explaining.verdict import verdict
 from ..parameters import check_positive
 from ..registry import create
 from ..scene import black, rendering
-from ..scene.scene_file import SceneFile, pick_sensor
+from ..scene.scene_file import SceneFile, check_parameters, pick_sensor
 from .picture import as_png, colours
 from .progressive_image import ProgressiveImage
 
@@ -138,6 +138,7 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
     if str(mi.variant()).startswith("scalar"):
         raise RuntimeError(f"{caller}: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, Mapping):
+        check_parameters(mi.parser.parse_dict(mi.parser.ParserConfig(str(mi.variant())), dict(scene)))
         return mi.load_dict(dict(scene))
     if isinstance(scene, (str, Path)):
         with atomic.scratch() as folder:

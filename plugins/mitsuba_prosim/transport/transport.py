@@ -97,7 +97,7 @@ class InnerIntegrator:
     caustics, has_layers, rays_per_sample = None, False, RAYS_PER_PATH
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
-        warn_of_lost_light(scene)
+        warn_of_lost_light(scene, integrator)
         warn_of_wrong_light(scene.emitters())
         self.integrator, self.scene, self.medium = integrator, scene, medium
         #: Names of the AOVs that a call returns after the radiance and the hit.

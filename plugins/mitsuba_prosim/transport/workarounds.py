@@ -31,7 +31,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, is_mirrored_cylinder
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, emitter_samples, is_mirrored_cylinder
 from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
 from ..optics.nested import Leaf, all_bsdfs, all_within, leaves, parts
@@ -42,8 +42,8 @@ from .lobes import LobePoint
 EDGE = 1e-3
 
 
-def warn_of_lost_light(scene: mi.Scene) -> None:
-    """Warns of ``area`` emitters and ``blendbsdf`` whose light Mitsuba's own integrators may lose or increase."""
+def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:
+    """Warns of emitters and ``blendbsdf`` whose light Mitsuba's ``integrator`` may lose or increase."""
     varies = mi.EmitterFlags.SpatiallyVarying
     lost = [
         name_of(e)
@@ -59,6 +59,13 @@ def warn_of_lost_light(scene: mi.Scene) -> None:
             mi.LogLevel.Warn,
             f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
             "loses points of the texture. Use prosim_area in its place.",
+        )
+    times, kinds = emitter_samples(integrator), mi.EmitterFlags.Delta
+    if times > 1 and (points := [name_of(e) for e in scene.emitters() if mi.has_flag(e.flags(), kinds)]):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {', '.join(map(repr, points))} will be {times} times too bright: Mitsuba's direct multiplies the "
+            "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
         )
     blends = [bsdf.id() for bsdf in all_bsdfs(scene) if _mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
     if blends:

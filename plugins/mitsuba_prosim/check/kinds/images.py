@@ -106,7 +106,7 @@ class Film(Tests):
         """Samples of the value 1 give pixels of the value 1, and a slope gives the slope; clear() removes them."""
         size = np.array(film.crop_size(), dtype=np.float32)[:, None]
         n = int(size.prod()) * (64 if size.prod() < 2**15 else 16)
-        x, centres = uniform(n, 2) * size, np.indices([int(side) for side in size[::-1]])[::-1] + 0.5
+        x, centres = uniform(n, 2) * size, np.indices([int(side) for side in size[::-1, 0]])[::-1] + 0.5
         for shape, slope, error in (("constant", 0, 2e-3), ("slope", 1, 3)):
             film.prepare([])
             film.clear()

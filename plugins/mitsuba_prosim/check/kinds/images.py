@@ -201,8 +201,8 @@ def scenes() -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
     }
     materials = {
         "diffuse": {"type": "diffuse", "reflectance": {"type": "checkerboard"}},
-        "rough metal": {"type": "roughconductor", "alpha": 0.3},
         "plastic": {"type": "roughplastic", "alpha": 0.2},
+        "rough metal": {"type": "roughconductor", "alpha": 0.3},
         "mask": {"type": "mask", "opacity": 0.6, "nested": {"type": "diffuse"}},
     }
     grey = [{"type": "diffuse", "reflectance": value} for value in (0.0, 0.8)]

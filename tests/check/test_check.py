@@ -40,7 +40,7 @@ SETS = {
     "thinlens": [{"aperture_radius": 0.1}],
     "prosim_stripes": [{"smoothing": 0.1}],
     "prosim_brick": [{"smoothing": 0.1}],
-    "prosim_fractal": [{"smoothing": 0.1, "octaves": 3}],
+    "prosim_fractal": [{}, {"smoothing": 0.1, "octaves": 3}],
 }
 #: Colours of both lobes: polarised variants once had those of one wavelength.
 COLOURS = {

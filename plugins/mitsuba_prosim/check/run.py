@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,8 @@ BLENDED = (
     SUM,
 )
 
-#: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the names of the tests that find it). They are
-#: notes.
+#: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the tests that find it, with their places; "*"
+#: is any text). They are notes.
 FAULTS = {
     "area": ("with a texture on a mesh, it samples other places", "samples follow pdf()", "light by"),
     "bitmap": ("the gradient has the resolution of the wrong axes if to_uv turns it", "eval_1_grad()"),
@@ -44,12 +45,12 @@ FAULTS = {
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),
     "hair": ("the second component is never sampled; the pdf is no exact one", "every lobe", "samples follow pdf()"),
     "mask": ("with one component in the context, sample() takes the other", "samples follow", "sampled_type", SUM),
-    "path": ("it drops the light of paths that leave the scene through a mask", "blocks have", "images have"),
+    "path": ("it drops the light of paths that leave the scene through a mask", "* of volpath mask"),
     "perspective": ("sample_direction() loses a part of the film with a principal point", "points of rays"),
     "prb_basic": ("it finds no point lights", "blocks have", "images have"),
     "principled": ("not reciprocal, ignores components, spec_tint depends on wavelengths, wrong if eta is 1", *IGNORES),
     "principledthin": ("not reciprocal, ignores components, has lobes of weight 0", "every lobe", *IGNORES),
-    "ptracer": ("it loses lights behind a mask", "blocks have", "images have"),
+    "ptracer": ("it loses lights behind a mask", "* of volpath mask"),
     "roughplastic": ("the table of transmittances has no derivative", "derivatives"),
     "sggx": ("the frame of sampled normals is transposed", "samples follow pdf()"),
     "sphere": ("the normals of a turned sphere are not turned", "sampled normals"),
@@ -99,7 +100,8 @@ def check(
     report.finish()
     for reason, *known in (FAULTS[name] for name in subject.types() & FAULTS.keys()):
         for result in report.results:
-            if result.verdict == FAILS and result.test.startswith(tuple(known)):
+            place = f"{result.test} {result.where}"
+            if result.verdict == FAILS and any(fnmatchcase(place, f"{test}*") for test in known):
                 result.verdict, result.statistic = NOTE, f"{result.statistic}; a fault of Mitsuba: {reason}"
     return report
 

@@ -197,11 +197,12 @@ class Tests:
             dr.forward(offset, flags=dr.ADFlag.ClearNone)
             for name, found in exact.items():
                 slope = np.abs(near[name])
-                steady = slope * h > 3e-4 * np.abs(rows(found))
+                steady = changes = slope * h > 3e-4 * np.abs(rows(found))
                 for other in (wide, nearest):  # an edge may lie between two of them
-                    steady &= np.abs(other[name] - near[name]) <= 0.05 * slope
+                    steady = steady & (np.abs(other[name] - near[name]) <= 0.05 * slope)
                 test, where = "derivatives = differences", f"{name} by {key}"
-                self.report.equal(test, dr.grad(found), near[name], where, on=steady, share=0.05)
+                if steady.sum() > 0.1 * changes.sum():  # else the steps agree by chance
+                    self.report.equal(test, dr.grad(found), nearest[name], where, on=steady, share=0.05)
 
     def again_extremes(self) -> None:
         """Values stay finite and not negative with extreme parameters, unless the plugin refuses them."""

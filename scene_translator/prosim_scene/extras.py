@@ -9,7 +9,6 @@ EXTRAS = {
     "denoise": ["mitsuba_oidn"],
     "editors": ["pygls"],
     "notebooks": ["ipywidgets"],
-    "tev": ["tevclient"],
     "watch": ["starlette", "uvicorn"],
 }
 

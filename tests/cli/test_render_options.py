@@ -46,8 +46,6 @@ from tqdm import tqdm
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
         ("--snapshots x", "X,X"),
-        ("--view vet", "'vet' is not of the form tev"),
-        ("--view tev --frames 0:2", "--view"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
         ("--samples 2 --threshold 1 -m scalar_rgb", "--threshold, --samples: scalar_rgb"),

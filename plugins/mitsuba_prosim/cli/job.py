@@ -28,7 +28,7 @@ INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_sa
 #: Fields of a Job for animations.
 ANIMATION = ("frames", "fps", "overwrite")
 #: Fields of a Job that do not change the image.
-RUNNING = ("output", "checkpoint", "snapshots", "view", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
+RUNNING = ("output", "checkpoint", "snapshots", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -76,7 +76,6 @@ class Job:
     snapshots: tuple[str, ...] | None = _output(
         types.SNAPSHOTS, "Also write NAME.0.04.exr when the RMS error is 0.04, or NAME.4s.exr after 4 s."
     )
-    view: tuple[str, int] | None = _output(types.VIEWER, "Show the image in tev while it is rendered.")
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
     definitions: Mapping[str, str] = _scene(
@@ -277,7 +276,6 @@ CONFLICTS = (
     ("layers=terms", "paths", "--layers terms: the rays of --paths do not distinguish lobes; leave out one of them."),
     ("layers=levels", "paths", "--layers levels: --paths has no maximum depth; leave out one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
-    ("frames", "view", "--view is for single images. To see one frame: -D frame=7 instead of --frames."),
 )
 
 

@@ -14,9 +14,6 @@ from ..engine.tiles import Part
 from ..scene import session
 from ..scene.errors import with_line, with_suggestion
 
-#: The default address of the viewer tev.
-TEV_HOST, TEV_PORT = "127.0.0.1", 14158
-
 
 class InputError(click.ClickException):
     """The scene or another input of a command is wrong. The command ends with exit code 2, and has written no file."""
@@ -121,12 +118,6 @@ FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})
 SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
 ROOTS = PatternType("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _roots)
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
-VIEWER = PatternType(
-    "tev[=HOST:PORT]",
-    "tev=127.0.0.1:14158",
-    r"tev(?:=(.+):(\d{1,5}))?",
-    lambda host, port: (host or TEV_HOST, int(port or TEV_PORT)),
-)
 #: The port is required, because Dask would wait for ever for a scheduler without a port.
 ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)
 

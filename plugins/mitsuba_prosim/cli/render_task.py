@@ -30,7 +30,6 @@ from .job import Job, refuse_scalar
 from .log import log
 from .option_types import InputError, input_errors, require_extra
 from .progress import Progress
-from .tev import TevClient
 
 if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
@@ -204,13 +203,12 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
-    with TevClient(task.job, task.sensor.film()) as viewer, interruptible(task.integrator.cancel, resources.signals):
-        render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots, viewer.update])
+    with interruptible(task.integrator.cancel, resources.signals):
+        render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots])
         snapshots(render)
         if snapshots.left:
             left = ",".join(snapshots.left)
             warnings.warn(f"--snapshots {left}: not written, because the render ended earlier", stacklevel=2)
-        viewer.show()  # before denoising, which takes time
         reached, interruption = render.reached, resources.interruption
         if interruption and not task.facts and reached is not None and reached.samples == 0:
             words = f"{interruption} before the first sample; nothing was written."

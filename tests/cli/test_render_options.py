@@ -24,7 +24,7 @@ from tqdm import tqdm
         ("--resolution 0x4", "1 to 65536 pixels a side"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         *[(f"--crop {n}", f"window {n} is not within the image of 12x8 pixels") for n in ("0,0,100,100", "12,0,1,1")],
-        ("--samples 2", "Any of --noise, --noise-99, --noise-99.9, --time, --max-samples, --adaptive puts it inside"),
+        ("--samples 2", "Any of --noise, --noise-99, --time, --max-samples, --adaptive puts it inside"),
         ("-D key", "not of the form key=value"),
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 0", "range"),
@@ -39,7 +39,7 @@ from tqdm import tqdm
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),
-        ("--noise-99.9 0.1 -m scalar_rgb", "--noise-99.9: scalar_rgb"),
+        ("--noise-99 0.1 -m scalar_rgb", "--noise-99: scalar_rgb"),
         ("--noise 1 --threshold 1", "--threshold has no effect with --adaptive graded and a limit of noise"),
         ("--adaptive none --threshold 1", "--threshold has no effect with --adaptive none;"),
         ("-D a\udcff=1", "a?: Mitsuba reads only names and values in UTF-8"),
@@ -120,12 +120,12 @@ def test_caustics_option_overrides_the_scene(palito, tmp_path, variant_rgb, writ
 def test_the_command_line_makes_a_job(scene, monkeypatch):
     jobs = []
     monkeypatch.setattr(render_commands, "render_and_write", lambda job, *_, **__: jobs.append(job))
-    for options in "", "--caustics", "--no-caustics --noise 0.01", "-D a=1 -D b=2=3 --noise-99.9 0.5 -vv":
+    for options in "", "--caustics", "--no-caustics --noise 0.01", "-D a=1 -D b=2=3 --noise-99 0.5 -vv":
         assert prosim("render", scene, *options.split()).exit_code == 0
     expected = {}, {"caustics": True}, {"caustics": False, "noise": 0.01, "adaptive": "graded"}
     assert tuple(job.integrator for job in jobs[:3]) == expected
     assert jobs[0] == Job(scene=str(scene), variant=jobs[0].variant, definitions={})
-    assert (jobs[3].definitions, jobs[3].noise_999, jobs[3].verbose) == ({"a": "1", "b": "2=3"}, 0.5, 2)
+    assert (jobs[3].definitions, jobs[3].noise_99, jobs[3].verbose) == ({"a": "1", "b": "2=3"}, 0.5, 2)
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def checkpoints(scene, **how):
 QUICK = {"noise": 0.002, "max_samples": 300, "size": 24, "band": 250}
 SLOW = [
     *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
-    {"noise": 0.004, "noise_99": 0.01, "noise_999": 0.02, "max_samples": 100, "rfilter": "box"},
+    {"noise": 0.004, "noise_99": 0.01, "max_samples": 100, "rfilter": "box"},
     {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"},
     {"film": CROP, "adaptive": "graded"},
 ]

@@ -116,9 +116,6 @@ class Job:
     )
     threshold: float | None = _advanced(Number(0), "Standard error of a pixel that needs no more samples (white = 1).")
     noise_99: float | None = _advanced(POSITIVE, "Also require 99 % of the pixels to be within this error.")
-    noise_999: float | None = _advanced(
-        POSITIVE, "Also require 99.9 % of the pixels, bright specks included, to be within this error.", "--noise-99.9"
-    )
     max_samples: int | None = _advanced(
         Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=WITH_TARGET + "unlimited"
     )

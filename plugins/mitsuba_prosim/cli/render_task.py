@@ -315,7 +315,7 @@ class Snapshots:
             if text.endswith("s"):  # a render with --time would end now, see ErrorTarget.time_is_up
                 due = reached.seconds >= (1 - SHARE) * amount
             else:  # a render with --noise, a limit of the RMS error only, would end now
-                due = replace(render.target, limits=(amount, 0, 0)).excess(render.state.noise) <= 1
+                due = replace(render.target, limits=(amount, 0)).excess(render.state.noise) <= 1
             if due:
                 self.left.remove(text)
                 render.update_film()

@@ -95,5 +95,5 @@ def needed(image: Image, ratio: float) -> float:
 
 
 def scaled(noise: Sequence[float], factor: float) -> Noise:
-    """Returns the four errors ``noise`` (:data:`.Noise`), each multiplied by ``factor``."""
-    return noise[0] * factor, noise[1] * factor, noise[2] * factor, noise[3] * factor
+    """Returns the three errors ``noise`` (:data:`.Noise`), each multiplied by ``factor``."""
+    return noise[0] * factor, noise[1] * factor, noise[2] * factor

@@ -31,7 +31,7 @@ from .policies import POLICIES
 from .tiles import Part
 
 #: Version of the format.
-FORMAT = 14
+FORMAT = 15
 
 #: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
 #: values of these parameters, and with other :data:`.TARGETS`.
@@ -49,7 +49,7 @@ ALLOWED: Mapping[str, Callable[[Any], bool]] = {
     "part": lambda value: value is None or (all(is_integer(n, 1, 9999) for n in value) and Part(*value) is not None),
     "uses_sobol": lambda value: type(value) is bool,
     "shared": lambda value: is_integer(value, 0, max(SHARED)),
-    "noise": lambda value: len(value) == 4 and all(error != error or is_number(error, 0, np.inf) for error in value),
+    "noise": lambda value: len(value) == 3 and all(error != error or is_number(error, 0, np.inf) for error in value),
     "estimates": lambda value: all(
         is_number(samples, 0.5, 1e9) and is_number(ratio, 0, np.inf) for samples, ratio in value
     ),

@@ -51,12 +51,12 @@ SOME = 1 << 14
 class ErrorTarget:
     """The target at which a render ends: limits of the error and of the time.
 
-    ``limits`` are three upper limits: of the RMS error of the displayed image (white = 1), and of the errors of 99 %
-    and of 99.9 % of the pixels; 0 stands for no limit. The render ends when all errors are within ``limits``, or after
-    ``seconds`` seconds; if ``seconds`` is 0, the time is not limited.
+    ``limits`` are two upper limits: of the RMS error of the displayed image (white = 1), and of the errors of 99 % of
+    the pixels; 0 stands for no limit. The render ends when both errors are within ``limits``, or after ``seconds``
+    seconds; if ``seconds`` is 0, the time is not limited.
     """
 
-    limits: tuple[float, float, float]
+    limits: tuple[float, float]
     seconds: float
     started: float
     #: Seconds at the end in which no samples are taken, because the denoiser needs them.
@@ -70,9 +70,9 @@ class ErrorTarget:
         bound is more than :data:`UNCERTAIN` times the RMS error, the bound is ignored, because few pixels have most of
         the error; :attr:`.Reached.uncertain` reports this case.
         """
-        rms, *tails, bound = noise
+        rms, tail, bound = noise
         rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
-        ratios = [measured / limit for measured, limit in zip((rms, *tails), self.limits) if limit]
+        ratios = [measured / limit for measured, limit in zip((rms, tail), self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)  # finite even if an error is infinite
 
     @property
@@ -115,7 +115,7 @@ def next_counts(state: Image, target: ErrorTarget, sample_ratio: float, speed: f
     speed, the pass at most doubles the mean number of samples.
     """
     have, ratio = mean(state.count), None
-    most = (UNCERTAIN_GROWTH if state.noise[3] > UNCERTAIN * state.noise[0] else GROWTH) * have
+    most = (UNCERTAIN_GROWTH if state.noise[2] > UNCERTAIN * state.noise[0] else GROWTH) * have
     if target.seconds:
         share = 0.9 if target.seconds_left < target.seconds / 5 else 0.5  # the last pass uses the rest of the time
         most = min(most, have + speed * target.seconds_left * share) if speed else 2 * have

@@ -21,9 +21,9 @@ from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widen
 from .standard_error import displayed, in_display_units, variance
 from .tiles import Part, part_numbers
 
-#: RMS error of the displayed image (white = 1), the bounds of 99 and of 99.9 % of its pixels, and the upper bound of
+#: RMS error of the displayed image (white = 1), the bound of the errors of 99 % of its pixels, and the upper bound of
 #: the RMS error, which the error exceeds with a probability of about 5 %; NaN while they are not known.
-Noise: TypeAlias = "tuple[float, float, float, float]"
+Noise: TypeAlias = "tuple[float, float, float]"
 
 
 class Image(PixelSet):
@@ -44,7 +44,7 @@ class Image(PixelSet):
         self.seed = plan.seed + dr.zeros(mi.UInt32, area(self.outer))
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         #: The last measurement by :class:`.SecondImage`, see :data:`Noise`.
-        self.noise: tuple[float, float, float, float] = (float("nan"),) * 4
+        self.noise: Noise = (float("nan"),) * 3
         #: Estimates of the error of the denoised image: samples per pixel, the denoiser's networks, and the ratio of
         #: the error of the denoised image to the error of the raw image.
         self.estimates = list[Sequence[Any]]()
@@ -296,13 +296,12 @@ class SecondImage(PixelSet):
         # Pixels around a crop window also cause errors in the window, by the filter.
         factor = (0.25 if self.complete else 0.5) * area(plan.region) / area(plan.window)
         errors = np.sqrt(factor * squares)
-        tails = np.percentile(errors, [99, 99.9])
         rms, within = float(np.sqrt(np.mean(errors**2))), display_variance(image) / np.float64(image.count)
         # Relative standard deviation of the RMS error. The second image may lack the brightest pixels. The variance of
         # the samples within a pixel shows such pixels.
         deviation = 0.5 * (concentration(errors**2) + 2 * concentration(image.crop(within, plan.window))) ** 0.5
         # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
-        return rms, float(tails[0]), float(tails[1]), rms * (1 + 1.645 * deviation)
+        return rms, float(np.percentile(errors, 99)), rms * (1 + 1.645 * deviation)
 
 
 def concentration(squares: np.ndarray) -> float:

@@ -48,10 +48,9 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         self.max_samples = whole(props, "max_samples", 0, 0)
         self.noise = number(props, "noise", 0.0, 0)
         self.noise_99 = number(props, "noise_99", 0.0, 0)
-        self.noise_999 = number(props, "noise_999", 0.0, 0)
         self.time = number(props, "time", 0.0, 0)
         # ``graded`` is the best policy for many samples. So ``graded`` is the default if a pixel may get many samples.
-        has_target = bool(self.noise or self.noise_99 or self.noise_999 or self.time)
+        has_target = bool(self.noise or self.noise_99 or self.time)
         default = "graded" if has_target else "neighbours"
         self.adaptive = choice(props, "adaptive", (default, *(name for name in POLICIES if name != default)))
         if has_target and not POLICIES[self.adaptive].unbounded:

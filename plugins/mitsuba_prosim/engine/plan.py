@@ -25,7 +25,7 @@ UNLIMITED = 1 << 20
 #: Numbers of samples of a pixel with which the pixels share one sequence.
 SHARED = (1, 2, 4, 8, 16)
 #: Parameters of the integrator that end a render.
-TARGETS = ("noise", "noise_99", "noise_999", "time")
+TARGETS = ("noise", "noise_99", "time")
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,14 @@ class Sampling:
     max_samples: int
     noise: float
     noise_99: float
-    noise_999: float
     time: float
     jitter: str
     band: int
 
     @property
-    def noises(self) -> tuple[float, float, float]:
-        """Limits of the RMS error, and of the errors of 99 % and of 99.9 % of the pixels; 0 means no limit."""
-        return self.noise, self.noise_99, self.noise_999
+    def noises(self) -> tuple[float, float]:
+        """Limits of the RMS error, and of the errors of 99 % of the pixels; 0 means no limit."""
+        return self.noise, self.noise_99
 
     @property
     def has_target(self) -> bool:
@@ -56,7 +55,7 @@ class Sampling:
 
     def uniform(self, spp: int) -> Sampling:
         """Returns the parameters with which each pixel gets ``spp`` samples, without limits of noise or time."""
-        unlimited = replace(self, noise=0, noise_99=0, noise_999=0, time=0)
+        unlimited = replace(self, noise=0, noise_99=0, time=0)
         return replace(unlimited, samples=grid_size(spp), max_samples=spp, adaptive="none")
 
     def halved(self) -> Sampling:

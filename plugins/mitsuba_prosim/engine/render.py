@@ -36,11 +36,10 @@ class Reached(NamedTuple):
     #: Mean and minimum number of samples of a pixel.
     samples: float
     min_samples: int
-    #: RMS error of the displayed image (white = 1), and the bounds of the errors of 99 % and of 99.9 % of the pixels.
+    #: RMS error of the displayed image (white = 1), and the bound of the errors of 99 % of the pixels.
     #: The values are NaN without a limit of noise, because the errors were not measured.
     noise: float
     noise_99: float
-    noise_999: float
     #: Upper bound of the RMS error, which exceeds the bound with a probability of about 5 %.
     noise_at_most: float
     #: Whether rays may miss a lamp, see :func:`.sees_tiny_lamp`.

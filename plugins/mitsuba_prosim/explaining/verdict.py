@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
 
 #: Errors with a limit (parameters of an integrator, and measured values of a render) -> their names in the verdict.
-ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels", "noise_999": "error of 99.9 %"}
+ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 
 TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"

@@ -62,10 +62,10 @@ class Prosim(ProgressiveIntegrator):
        - Minimum number of passes (Default: 1) and maximum number of samples of a pixel (Default: :math:`N^2`, four
          times as many for :monosp:`graded`, unlimited with :monosp:`noise` or :monosp:`time`)
 
-     * - noise, noise_99, noise_999, time
+     * - noise, noise_99, time
        - |float|
-       - Error targets of the displayed image (white = 1): the RMS error, the error of 99 % and of 99.9 % of the pixels;
-         and a limit in seconds. The render ends when all errors are within their targets, or at the time limit. Not
+       - Error targets of the displayed image (white = 1): the RMS error, and the error of 99 % of the pixels; and a
+         limit in seconds. The render ends when all errors are within their targets, or at the time limit. Not
          with :monosp:`thesis` and :monosp:`variance`. (Default: 0, none)
 
      * - max_level

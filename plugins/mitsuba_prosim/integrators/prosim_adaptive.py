@@ -32,8 +32,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
        - Computes the radiance along a ray: :monosp:`path`, :monosp:`volpath`, :monosp:`direct`, :monosp:`aov`,
          :monosp:`prb`, or any other integrator that takes samples from a sensor
 
-     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, noise_999, time, jitter, channels,
-         aovs, band
+     * - samples, adaptive, threshold, min_passes, max_samples, noise, noise_99, time, jitter, channels, aovs,
+         band
        - |int|, |string|, |float|
        - As for :ref:`integrator-prosim`
 

@@ -83,13 +83,13 @@ class ProgressiveImage:
 
     @property
     def reached(self) -> Reached:
-        """Samples, error and time so far. After denoising, the error is that of the denoised image, and the errors of
-        fractions of its pixels are unknown.
+        """Samples, error and time so far. After denoising, the error is that of the denoised image, and the error of
+        99 % of its pixels is unknown.
         """
         reached: Reached = self.render.reached
         if (result := self._result) is None:
             return reached
-        return reached._replace(noise=result.noise, noise_99=np.nan, noise_999=np.nan, noise_at_most=result.at_most)
+        return reached._replace(noise=result.noise, noise_99=np.nan, noise_at_most=result.at_most)
 
     def layers(self) -> Mapping[str, np.ndarray]:
         """Returns the layers of the image so far, and sets :attr:`new` to False.

@@ -100,8 +100,7 @@ def apply(
 
 def option_names(parameters: Iterable[str]) -> str:
     """Returns the names of the command's options for ``parameters`` of the integrator, separated by commas."""
-    names = (name.replace("noise_999", "noise_99.9").replace("_", "-") for name in parameters if name != "ambient")
-    return ", ".join(f"--{name}" for name in names)
+    return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
 
 
 def _change_film(

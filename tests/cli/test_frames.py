@@ -124,6 +124,8 @@ def test_scenes_in_xml_have_frames_too(scene):
     assert pixels(scene.with_name("scene.0012.exr"))[0, 0, 0] == pytest.approx(0.25)
     assert rendered(scene, "--frames", "12:15", "--fps", 48) == (1, 2)
     scene.write_text(XML.replace("<film", '<float name="fov" value="4$frame"/><film'))
+    ignored = prosim("render", scene, "--frames", "0:3", "--fps", 48)
+    assert ignored.exit_code == 2 and f"--fps sets only $time, which {scene} does not use" in ignored.stderr
     done = prosim("render", scene, "--frames", "0:3", "-D", "radiance=0", "-o", scene.with_name("dark"))
     assert done.exit_code == 0 and "3 of 3 frames rendered, 3 of them black" in done.stdout
     assert done.stderr.count("frame 0: the picture is black: ") == done.stderr.count("black") == 1

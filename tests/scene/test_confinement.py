@@ -223,9 +223,19 @@ def test_spectrum_files_of_lax_xml_are_known_or_warned_of(variant_rgb, folder):
     for before in ("<!-- -- -->", ""):
         file = opened(folder, before + SPECTRUM.format("good.spd"), confined=False)
         assert folder / "good.spd" in file.sources()
-    file = opened(folder, "<![CDATA[ ]]> ]]>" + SPECTRUM.format("good.spd"), confined=False)
     with pytest.warns(prosim_scene.SceneWarning, match="neither watched nor sent to a cluster"):
-        file.sources()
+        opened(folder, "<![CDATA[ ]]> ]]>" + SPECTRUM.format("good.spd"), confined=False)
+
+
+@pytest.mark.parametrize("include", [False, True])
+def test_elements_too_deep_for_the_parser_are_refused(variant_rgb, folder, include):
+    """Mitsuba's parser would end the process. A file that includes itself has the message of Mitsuba."""
+    text = 20_000 * '<bsdf type="mask">' + '<bsdf type="diffuse"/>' + 20_000 * "</bsdf>"
+    (folder / "deep.xml").write_text(HERE.format(text))
+    with pytest.raises(RecursionError, match=r"xml \(line \d+, col \d+\): elements nested more than 1000 deep"):
+        opened(folder, INCLUDE.format("deep.xml") if include else text, confined=False)
+    with pytest.raises(RuntimeError, match="maximum include recursion depth"):
+        opened(folder, INCLUDE.format("scene.xml"), confined=False)
 
 
 def test_scene_file_does_not_replace_a_file_of_mitsuba(variant_rgb, folder):

@@ -48,6 +48,8 @@ class Animation:
                     f"{job.scene} uses neither ${FRAME} nor ${TIME}, so all frames would be alike; use one where the "
                     f"scene moves, in the thesis's language such as {{360 * ${FRAME} / {len(self.frames)}}}"
                 )
+            if job.fps and TIME not in self.names:
+                raise ValueError(f"--fps sets only ${TIME}, which {job.scene} does not use; leave out --fps")
 
     def render(self) -> None:
         """Renders the missing frames, and prints a report. If the animation is interrupted, the process exits with code

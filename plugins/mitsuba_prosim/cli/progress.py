@@ -33,8 +33,8 @@ class Progress(tqdm):
     def show(self, done: float, phase: str = "rendering") -> None:
         """Shows ``done``, the finished fraction of a phase or frame, in [0, 1].
 
-        Within a phase, the bar never moves back; a new phase begins with an empty bar. The remaining time is estimated
-        without the progress of the first call, which an earlier, interrupted render made.
+        The bar moves back if the render now expects more work. A new phase begins with an empty bar. The remaining time
+        is estimated without the progress of the first call, which an earlier, interrupted render made.
         """
         if phase != self.phase:
             if self.phase:
@@ -42,7 +42,7 @@ class Progress(tqdm):
                 self.next_line = SHORTEST
             self.phase, self.initial = phase, done
             self.set_description_str(phase, refresh=False)
-        self.update(max(self.finished + done - self.n, 0))  # an estimated progress may decrease
+        self.update(self.finished + done - self.n)
 
     @property
     def format_dict(self) -> dict[str, Any]:

@@ -157,7 +157,8 @@ class ErrorGoal:
         have, expected = mean(count), np.inf
         self._begun = have, time.perf_counter()
         if any(self.target.limits):
-            expected = max(have * remaining_factor(image, self.target), mean(image.wanted))
+            needed = max(have * remaining_factor(image, self.target), mean(image.wanted))
+            expected = min(needed, image.plan.max_samples)
         return both(image, image.wanted, expected)
 
     def _samples_per_second(self, image: Image) -> float:

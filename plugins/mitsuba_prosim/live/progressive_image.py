@@ -44,7 +44,7 @@ class ProgressiveImage:
         self.denoise, self.done = denoise, False
         #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.
         self.new = self.complete = False
-        #: Progress, 0 to 1, which never decreases, even if the renderer's estimate decreases.
+        #: Progress, 0 to 1, which decreases if the render now expects more work.
         self.progress = 0.0
         #: The picture that was published last, and the limit for the rate of drawing.
         self.picture: Picture | None = None
@@ -66,7 +66,7 @@ class ProgressiveImage:
         if step is None:
             self.done, self.progress, self.complete = True, 1.0, False
             return False
-        self.progress, self.complete = max(self.progress, step.done), step.complete
+        self.progress, self.complete = step.done, step.complete
         self.new |= not step.complete  # the step that completes a pass takes no samples
         return self.new and (step.complete or self.throttle.due)
 

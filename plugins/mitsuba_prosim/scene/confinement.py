@@ -15,6 +15,8 @@ from ..compat import LIBRARIES, MATERIAL_FILES
 
 #: Maximum depth of the XML elements, and maximum number of files that a scene includes, in a scene that is checked.
 MAX_DEPTH, MAX_INCLUDES = 50, 500
+#: Maximum depth in any scene: Mitsuba's parser needs stack for each level, and ends the process without enough.
+DEEPEST = 1000
 
 #: The folder of Mitsuba's installation.
 INSTALLED = os.path.dirname(os.path.abspath(mi.__file__))
@@ -27,10 +29,11 @@ class OutsideError(ValueError):
 def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str, str], int, int]]:
     """Returns ``(tag, attributes, line, column)`` for each XML element in the ``content`` of a file, in its order.
 
-    Raises ValueError for content that is not well-formed, and for elements that are nested more than :data:`MAX_DEPTH`
-    deep, for which Mitsuba's parser may lack memory. If ``strict`` is true, also for all that Mitsuba's parser may read
-    in another way: another encoding than UTF-8, a document type, and a processing instruction.
+    Raises RecursionError for elements that are nested more than :data:`MAX_DEPTH` deep, or :data:`DEEPEST` if
+    ``strict`` is false; and ValueError for content that is not well-formed. If ``strict`` is true, also for all that
+    Mitsuba's parser may read in another way: another encoding than UTF-8, a document type, a processing instruction.
     """
+    deepest = MAX_DEPTH if strict else DEEPEST
     parser = expat.ParserCreate("utf-8" if strict else None)
     found, levels = list[tuple[str, Mapping[str, str], int, int]](), list[str]()
 
@@ -43,9 +46,10 @@ def elements(content: bytes, strict: bool = True) -> list[tuple[str, Mapping[str
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         levels.append(tag)
-        if len(levels) > MAX_DEPTH:
-            raise ValueError(f"elements nested more than {MAX_DEPTH} deep")
-        found.append((tag, attributes, parser.CurrentLineNumber, parser.CurrentColumnNumber + 2))
+        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber
+        if len(levels) > deepest:
+            raise RecursionError(f"(line {line}, col {column + 1}): elements nested more than {deepest} deep")
+        found.append((tag, attributes, line, column + 2))
 
     parser.StartElementHandler, parser.EndElementHandler = begin, lambda _: levels.pop()
     if strict:
@@ -84,7 +88,7 @@ class Confinement:
         folders[str(path.parent)] = None
         try:
             found = elements(path.read_bytes())
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             needs = "the names of files can be checked only in well-formed XML in UTF-8, so change it"
             raise OutsideError(f"At {path} {error}; {needs}, or use --allow-outside") from None
         for tag, attributes, line, column in found:

@@ -96,6 +96,7 @@ class SceneFile:
             self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
+            self._spectra = {*self._spectrum_files(self.xml, self._folders, dict(definitions or {}))}
             self.state = parse(self.xml, definitions or {})
             self._resolver = mi.file_resolver()
             if confinement:
@@ -129,20 +130,28 @@ class SceneFile:
         """
         texts = [(path.name, path) for path in map(Path, map(str, self.state.files))]
         files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
-        spectra = self._spectrum_files(self.xml, self._folders, dict(self.changes["definitions"]))
-        return [*texts, *files, *sorted(set(spectra))]
+        return [*texts, *files, *sorted(self._spectra)]
 
-    def _spectrum_files(self, text: Path, folders: list[str], values: dict[str, str]) -> Iterator[tuple[str, Path]]:
+    def _spectrum_files(
+        self, text: Path, folders: list[str], values: dict[str, str], *within: Path
+    ) -> Iterator[tuple[str, Path]]:
         """Yields ``(name, path)`` for each spectrum file that the XML file ``text`` or a file included in it uses.
 
         Mitsuba's parser replaces the names of spectrum files by their content, so this method searches the text, and,
         like the parser, the search path ``folders``. It adds the values of the elements ``default`` to the ``values``
-        of the ``$key`` parameters.
+        of the ``$key`` parameters. ``within`` are the files that include ``text``. Raises RecursionError for elements
+        that are too deep for the parser.
         """
+        if text in within or not text.is_file():  # the parser refuses both, but a pipe
+            return
         folders = [*folders]
         try:
             # Mitsuba accepts "--" within a comment.
             found = elements(COMMENT.sub(b"", text.read_bytes()), strict=False)
+        except RecursionError as error:
+            raise RecursionError(
+                f"At {text} {error}; Mitsuba's parser would lack memory, so make them flatter"
+            ) from None
         except ValueError as error:
             words = f"At {text} {error}; Mitsuba accepts this, but its spectrum files are neither watched nor sent"
             warnings.warn(prosim_scene.SceneWarning(f"{words} to a cluster"), stacklevel=2)
@@ -161,7 +170,7 @@ class SceneFile:
             elif tag == "spectrum" and os.path.isfile(place):
                 yield name, Path(place)
             elif tag == "include" and os.path.isfile(place):
-                yield from self._spectrum_files(Path(place), search, values)
+                yield from self._spectrum_files(Path(place), search, values, text, *within)
 
     def sources(self) -> list[Path]:
         """Returns the paths of the files that the scene uses, except for a file in the scene language itself, and for

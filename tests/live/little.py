@@ -97,14 +97,13 @@ def opened(browser, address, **options):
     assert said == [] and all(url.startswith((address, "blob:", "data:")) for url in asked)
 
 
-def shown(page, canvas="own"):
-    """The pixels of a canvas, shape (height, width, 3)."""
+def shown(page):
+    """The pixels of the canvas, shape (height, width, 3)."""
     width, height, data = page.evaluate(
-        """id => { const c = document.getElementById(id), copy = new OffscreenCanvas(c.width, c.height);
+        """() => { const c = document.getElementById("canvas"), copy = new OffscreenCanvas(c.width, c.height);
         const context = copy.getContext("2d", {willReadFrequently: true});  // otherwise Chrome gives advice
         context.drawImage(c, 0, 0);
-        return [c.width, c.height, [...context.getImageData(0, 0, c.width, c.height).data]]; }""",
-        canvas,
+        return [c.width, c.height, [...context.getImageData(0, 0, c.width, c.height).data]]; }"""
     )
     return np.array(data).reshape(height, width, 4)[..., :3]
 
@@ -125,9 +124,9 @@ def running(path, opened=lambda: None, **options):
     publisher, publish = viewer.publisher, viewer.publisher.publish
     publisher.said = []
 
-    def published(pictures=None, **changes):
-        publish(pictures, **changes)
-        publisher.said.append((publisher.state, publisher.pictures))
+    def published(picture=None, **changes):
+        publish(picture, **changes)
+        publisher.said.append(publisher.picture)
 
     publisher.publish = published
     thread = threading.Thread(target=viewer.run)

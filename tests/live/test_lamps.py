@@ -22,7 +22,7 @@ def lamps(tmp_path_factory):
 
 
 def image(address, layer, query=""):
-    answer, content = ask(address, f"layer/own/{layer}{query}")
+    answer, content = ask(address, f"layer/{layer}{query}")
     shape = int(answer.getheader("X-Height")), int(answer.getheader("X-Width")), 3
     return np.frombuffer(content, "<f4").reshape(shape)
 
@@ -56,7 +56,7 @@ def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
 def test_server_refuses_wrong_factors(lamps):
     values = "", "x", "nan", "1,2", "-1", "1e17"
     for text in ("lights.lamp7=1", "final=1", *(f"lights.ambient={value}" for value in values)):
-        for path in ("layer/own/final", "save/exr"):
+        for path in ("layer/final", "save/exr"):
             assert ask(lamps[0], f"{path}?mix={text.replace('=', '%3D')}")[0].status == 400, text
 
 
@@ -88,13 +88,8 @@ def test_sliders_mix_the_lamps(lamps, browser):
         page.click("#copy-command")
         until(lambda: page.evaluate("navigator.clipboard.readText()").split() == command)
         assert page.inner_text("#announcement") == "Copied"
-        page.click("#compare", force=True)
-        until(lambda: page.is_visible("#half") and page.is_visible("#path"))
-        page.wait_for_selector("body[data-status=done]")
-        page.click("#compare", force=True)
-        until(lambda: page.is_hidden("#half"))
         page.click("#unmix")
         assert page.is_hidden("#mixed") and set(page_factors(page)) == {1}
         until(lambda: np.array_equal(shown(page), before))
         page.check("input[value='lights.background']", force=True)
-        until(lambda: page.get_attribute("#own", "data-layer") == "lights.background")
+        until(lambda: page.get_attribute("#canvas", "data-layer") == "lights.background")

@@ -24,7 +24,7 @@ def page(browser, address):
 def is_(page, doing):
     """Waits until it is, and the newest picture is there to be seen."""
     page.wait_for_selector(f"body[data-status={doing}]")
-    until(lambda: page.get_attribute("#own", "data-number") == page.get_attribute("body", "data-newest"))
+    until(lambda: page.get_attribute("#canvas", "data-number") == page.get_attribute("body", "data-newest"))
 
 
 def decoded(content):
@@ -54,13 +54,13 @@ def drag(page, start, end):
 
 def save(page, scene, text, doing="done"):
     """Saves as many editors do, by a new file that is renamed; waits until it is seen."""
-    before = page.get_attribute("#own", "data-number")
+    before = page.get_attribute("#canvas", "data-number")
     (new := scene.with_name("little.scn.new")).write_text(text)
     new.replace(scene)
     if doing != "failed":
-        until(lambda: page.get_attribute("#own", "data-number") != before)
+        until(lambda: page.get_attribute("#canvas", "data-number") != before)
     is_(page, doing)
-    until(lambda: page.evaluate("document.getElementById('own').width") == 64)
+    until(lambda: page.evaluate("document.getElementById('canvas').width") == 64)
 
 
 def test_page_shows_the_saved_image(page, address):
@@ -86,16 +86,16 @@ def test_page_shows_values_and_keys_change_layers_and_zoom(page):
     )
     picture = shown(page)
     press(page, "ArrowRight", "input[value=final]")  # the next radio button
-    until(lambda: page.get_attribute("#own", "data-layer") == "error")
+    until(lambda: page.get_attribute("#canvas", "data-layer") == "error")
     assert not np.array_equal(shown(page), picture)
-    white = page.evaluate("async () => Number((await fetch('layer/own/error')).headers.get('X-White'))")
+    white = page.evaluate("async () => Number((await fetch('layer/error')).headers.get('X-White'))")
     for stops in ("2", "0"):
         page.fill("#exposure", stops)
         marks = [mark.split()[0] for mark in page.locator("#scale span").all_inner_texts()]
         ends = [white / 2 ** int(stops) * part for part in (0, 0.25, 1)]
         assert [float(mark) for mark in marks] == pytest.approx(ends, rel=0.05)
     press(page, "ArrowRight", "input[value=error]")
-    until(lambda: page.get_attribute("#own", "data-layer") == "samples")
+    until(lambda: page.get_attribute("#canvas", "data-layer") == "samples")
     assert page.locator("#scale span").all_inner_texts() == ["0", "1", "4 or more"]
     page.keyboard.press("Home")
     page.check("input[value=final]", force=True)
@@ -164,11 +164,11 @@ def test_button_pauses_and_resumes_the_render(page, scene):
     assert page.evaluate("String(getSelection())") == "little.scn" and page.inner_text("#announcement") == "rendering"
     page.click("#pause")
     is_(page, "paused")
-    number = page.get_attribute("#own", "data-number")
+    number = page.get_attribute("#canvas", "data-number")
     assert page.inner_text("#pause") == "Resume"
     press(page, "Enter", "#pause")
     is_(page, "rendering")
-    until(lambda: page.get_attribute("#own", "data-number") != number)
+    until(lambda: page.get_attribute("#canvas", "data-number") != number)
     save(page, scene, LITTLE)
 
 
@@ -181,7 +181,7 @@ def test_touch_shows_the_pixel(browser, address):
         assert box(phone) == picture
 
 
-def test_camera_moves_and_slider_compares_images(page):
+def test_camera_moves(page):
     home = shown(page)
     press(page, "Space", "#camera")
     drag(page, (500, 400), (560, 430))
@@ -194,20 +194,8 @@ def test_camera_moves_and_slider_compares_images(page):
     page.click("#home")
     assert page.evaluate("document.activeElement.id") == "stage"
     until(lambda: page.is_hidden("#view") and np.array_equal(shown(page), home))
-    is_(page, "done")  # then no state comes that changes the page while it is used
-    page.uncheck("#camera", force=True)
-    page.check("#compare", force=True)
-    until(lambda: page.is_visible("#path") and shown(page, "path").shape == home.shape)
     is_(page, "done")
-    assert re.search("prosim: .* samples a pixel", page.inner_text("#state"))
-    press(page, "Home", "#split")
-    assert re.search(r"0 0 0 0%|inset\(0px", page.get_attribute("#path", "style"))
-    page.fill("#split", "50")
-    picture = box(page)
-    drag(page, (picture["x"] + picture["width"] / 2 + 5, 400), (picture["x"] + picture["width"] / 4, 400))
-    assert page.input_value("#split") == "25" and box(page) == picture
-    page.uncheck("#compare", force=True)
-    until(lambda: page.is_hidden("#path"))
+    page.uncheck("#camera", force=True)
 
 
 def test_page_fits_narrow_screens_and_has_contrast(page):
@@ -241,7 +229,7 @@ def test_buttons_vanish_when_the_render_ends(browser, write_scene):
         process.send_signal(signal.SIGINT)
         is_(page, "lost")
     assert "has ended" in page.inner_text("#state") and np.array_equal(shown(page), picture)
-    assert all(page.is_disabled(f"#{name}") for name in ("pause", "camera", "compare", "home"))
+    assert all(page.is_disabled(f"#{name}") for name in ("pause", "camera", "home"))
     assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
     assert page.is_disabled("input[value=error]")
     page.close()

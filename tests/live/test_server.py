@@ -43,7 +43,7 @@ def test_server_serves_only_its_own_files(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
-    wrong = "layer/own/secret layer/other/final pixel/-1/0 explain/-1/0 do/pause do/orbit"
+    wrong = "layer/secret pixel/-1/0 explain/-1/0 do/pause do/orbit"
     for path in f"{files} {wrong}".split():
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path

@@ -67,6 +67,8 @@ def test_background_lights_instances_for_other_integrators(variant_rgb):
     lit, path = with_background_emitter(black, mi.load_dict(rgb(1, 1, 1))), mi.load_dict(PATH)
     image = np.array(mi.render(lit, sensor=black.sensors()[0], integrator=path, spp=4, seed=1))
     assert np.allclose(image, mi.render(of_a_group("conductor"), integrator=path, spp=4, seed=1)) and image.any()
+    with pytest.raises(ValueError, match="Checkerboard can't light the scene"):
+        with_background_emitter(black, mi.load_dict({"type": "checkerboard"}))
 
 
 def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):

@@ -1,9 +1,8 @@
-"""Renders images progressively, by the scene's integrator (with or without a denoiser) or by Mitsuba's ``path``."""
+"""Renders an image progressively, with or without a denoiser."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import drjit as dr
@@ -16,7 +15,6 @@ from ..engine.render import Reached
 from ..engine.work import Executor, Step
 from ..registry import create
 from ..scene import rendering
-from ..scene.background import can_light, with_background_emitter
 from ..scene.throttle import Throttle
 from ..transport.scattering import disperses
 from .picture import Picture, colours, fill_unknown, layers_of_render
@@ -125,32 +123,3 @@ class ProgressiveImage:
 def without_maps(layers: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Returns the ``layers`` with colours."""
     return {name: values for name, values in layers.items() if values.ndim == 3}
-
-
-def integrator_name(integrator: Any) -> str:
-    """Returns the plugin name of an integrator, such as ``path``, or of its nested integrator."""
-    integrator = getattr(integrator, "nested", integrator)
-    if hasattr(integrator, "parameter_names"):  # a plugin of this project
-        return str(integrator.name)
-    return str(integrator.class_name()).removesuffix("Integrator").lower()
-
-
-def not_compared(integrator: Any) -> str | None:
-    """Returns why the live view cannot compare ``integrator`` with Mitsuba's ``path``; None if it can."""
-    if integrator_name(integrator) == "path":
-        return "the scene's integrator is the path tracer already"
-    if not can_light(getattr(integrator, "background", None)):
-        return "this background is not a bitmap, so path can't use it as a light"
-    return None
-
-
-def rendered_by_path(image: ProgressiveImage) -> ProgressiveImage:
-    """Returns ``image`` with the same sampling, but rendered by Mitsuba's ``path`` and never denoised. A background
-    becomes an emitter. Raises ValueError if it cannot, see :func:`not_compared`.
-    """
-    sampling = asdict(image.integrator.sampling)
-    path = create("prosim_adaptive", nested=create("path"), channels=image.integrator.channels, **sampling)
-    scene, background = image.scene, getattr(image.integrator, "background", None)
-    if background is not None:
-        scene = with_background_emitter(scene, background)
-    return ProgressiveImage(path, scene, image.sensor, image.spp, image.seed)

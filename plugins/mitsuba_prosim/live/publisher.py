@@ -1,4 +1,4 @@
-"""The state and the pictures of the live view, which the thread that renders publishes, and the web server sends."""
+"""The state and the picture of the live view, which the thread that renders publishes, and the web server sends."""
 
 from __future__ import annotations
 
@@ -31,26 +31,19 @@ class State:
     black: str | None = None
     #: Final width and height of the picture.
     size: tuple[int, int] = (0, 0)
-    #: Name of the image -> number of its newest picture. The scene's integrator renders the image "own", and Mitsuba's
-    #: path tracer the image "path".
-    pictures: Mapping[str, int] = field(default_factory=dict)
-    #: Names of the layers of the image "own".
+    #: Number of the newest picture; None before the first.
+    picture: int | None = None
+    #: Names of the layers of the picture.
     layers: tuple[str, ...] = ()
     #: Ids of shapes and emitters -> their names and lines in the scene file.
     names: Mapping[str, str] = field(default_factory=dict)
-    #: Mean progress of the images, 0 to 1.
+    #: Progress of the image, 0 to 1.
     progress: float = 0.0
-    #: Samples per pixel and noise (RMS error, white = 1) of the image "own"; None if they are not known.
+    #: Samples per pixel and noise (RMS error, white = 1) of the image; None if they are not known.
     samples: float | None = None
     noise: float | None = None
     #: Seconds of rendering.
     seconds: float = 0.0
-    #: Name of the scene's integrator.
-    integrator: str = ""
-    #: Whether the page also shows the image "path".
-    compared: bool = False
-    #: Why the image "path" cannot be shown; None if it can.
-    not_compared: str | None = None
     #: The text of the moved view for the scene file; None if the camera was not moved.
     view: str | None = None
     #: Whether the camera can be moved.
@@ -58,17 +51,17 @@ class State:
 
 
 class Publisher:
-    """Holds the latest state and pictures. Only one thread may call :meth:`publish`; any thread may read."""
+    """Holds the latest state and picture. Only one thread may call :meth:`publish`; any thread may read."""
 
     def __init__(self, state: State) -> None:
-        self.state, self.pictures, self.closed = state, dict[str, Picture](), False
+        self.state, self.closed = state, False
+        self.picture: Picture | None = None
 
-    def publish(self, pictures: Mapping[str, Picture] | None = None, **changes: Any) -> None:
-        """Changes fields of the state, and replaces the ``pictures``, if there are any: "own", and perhaps "path"."""
-        if pictures:
-            self.pictures = dict(pictures)
-            changes["pictures"] = {name: picture.number for name, picture in pictures.items()}
-            changes["layers"] = tuple(pictures["own"].layers)
+    def publish(self, picture: Picture | None = None, **changes: Any) -> None:
+        """Changes fields of the state, and replaces the picture unless ``picture`` is None."""
+        if picture is not None:
+            self.picture = picture
+            changes |= {"picture": picture.number, "layers": tuple(picture.layers)}
         self.state = replace(self.state, **changes)
 
     async def follow(self) -> AsyncIterator[State]:

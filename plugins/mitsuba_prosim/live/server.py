@@ -39,8 +39,6 @@ Encoder = Callable[[float, Factors], dict[str, bytes]]
 ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
     "pause": lambda viewer, *_: viewer.change(paused=True),
     "resume": lambda viewer, *_: viewer.change(paused=False),
-    "compare": lambda viewer, *_: viewer.change(compared=True),
-    "alone": lambda viewer, *_: viewer.change(compared=False),
     "home": lambda viewer, *_: viewer.change(camera=None, paused=False),
     "orbit": lambda viewer, x, y: viewer.move(lambda camera: camera.orbited(x, y)),
     "pan": lambda viewer, x, y: viewer.move(lambda camera: camera.panned(x, y)),
@@ -180,7 +178,7 @@ class Pages:
         """Returns the routes of all requests that the page sends, and of its HTML, CSS and JavaScript files."""
         return [
             Route("/events", self.events),
-            Route("/layer/{image}/{layer}", self.layer),
+            Route("/layer/{layer}", self.layer),
             Route("/pixel/{x:int}/{y:int}", self.pixel),
             Route("/explain/{x:int}/{y:int}", self.explain),
             Route("/save/{suffix}", self.save),
@@ -201,7 +199,7 @@ class Pages:
         """Returns the values of a layer, see :meth:`.Picture.packed`, after multiplication by the request's
         :func:`factors`. The status is 404 without such a layer.
         """
-        picture, name = self._publisher.pictures.get(request.path_params["image"]), request.path_params["layer"]
+        picture, name = self._publisher.picture, request.path_params["layer"]
         if picture is None or name not in picture.layers:
             raise HTTPException(404)
         mix = factors(request, picture)
@@ -209,16 +207,15 @@ class Pages:
         return Response(content, media_type="application/octet-stream", headers=facts)
 
     async def pixel(self, request: Request) -> Response:
-        """Returns, as JSON, the values of a pixel in all layers of all pictures, and the name of the visible surface.
-        The object is empty if the current image does not have this pixel.
+        """Returns, as JSON, the ``values`` of a pixel in all layers, and the name of the visible ``surface``; an empty
+        object if there is no picture, or if it does not have this pixel.
         """
         x, y = (request.path_params[name] for name in "xy")
-        width, height = self._publisher.state.size
-        if not (x < width and y < height):
+        picture, (width, height) = self._publisher.picture, self._publisher.state.size
+        if picture is None or not (x < width and y < height):
             return JSONResponse({})  # the page still shows a larger image
-        values = {name: picture.at(x, y, (width, height)) for name, picture in self._publisher.pictures.items()}
         surface = await self._call(lambda viewer: viewer.scene.surface_at(x, y) if viewer.scene is not None else "")
-        return JSONResponse({**values, "surface": surface})
+        return JSONResponse({"values": picture.at(x, y, (width, height)), "surface": surface})
 
     async def explain(self, request: Request) -> Response:
         """Returns the page that explains a pixel, which may only run its own script; the status is 400 if it cannot be
@@ -232,14 +229,17 @@ class Pages:
         return HTMLResponse(page, headers={"Content-Security-Policy": explanation_page.policy(page)})
 
     async def save(self, request: Request) -> Response:
-        """Returns the image of the scene's integrator as an EXR or PNG file, after multiplication by the request's
-        :func:`factors`; the exposure makes only the PNG brighter. The status is 404 without an image.
+        """Returns the image as an EXR or PNG file, after multiplication by the request's :func:`factors`; the exposure
+        makes only the PNG brighter. The status is 404 without an image, and after an error of the scene.
         """
-        picture, suffix = self._publisher.pictures.get("own"), f".{request.path_params['suffix']}"
+        picture, suffix = self._publisher.picture, f".{request.path_params['suffix']}"
         if picture is None or suffix not in (".exr", ".png"):
             raise HTTPException(404)
         exposure, mix = clamped_number(request, "exposure", 64.0), factors(request, picture)
-        files = await self._call(lambda _: self._encode(exposure, mix))
+        try:
+            files = await self._call(lambda _: self._encode(exposure, mix))
+        except ValueError as error:
+            return PlainTextResponse(f"{error}\n", 404)
         return Response(files[suffix], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:

@@ -26,7 +26,7 @@ from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
 from .picture import Factors, Picture
-from .progressive_image import ProgressiveImage, integrator_name, not_compared, rendered_by_path
+from .progressive_image import ProgressiveImage
 from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
 
@@ -40,8 +40,6 @@ class ViewRequest:
 
     #: The moved camera; None for the camera of the scene file.
     camera: Camera | None = None
-    #: Whether the image by Mitsuba's ``path`` is also shown.
-    compared: bool = False
     #: Whether rendering pauses.
     paused: bool = False
 
@@ -71,10 +69,9 @@ class Viewer:
         #: The camera in the scene file that was opened last; None if the viewer cannot move this sensor. A move starts
         #: from this camera.
         self._home: Camera | None = None
-        #: The images by name: ``own``, by the scene's integrator, and perhaps ``path``, by Mitsuba's path tracer.
-        self._images: dict[str, ProgressiveImage] = {}
-        self._integrator: Any = None
-        #: Samples and noise (:class:`.Reached`) when ``own`` was drawn last; None before its first sample.
+        #: The image that is rendered; None after an error.
+        self._image: ProgressiveImage | None = None
+        #: Samples and noise (:class:`.Reached`) when the image was drawn last; None before its first sample.
         self._reached: Any = None
         #: The numbers of the pictures; the seconds that work items took since the requested view began.
         self._numbers, self._seconds = itertools.count(1), 0.0
@@ -103,25 +100,26 @@ class Viewer:
             self.change(camera=motion(self._request.camera or self._home), paused=False)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
-        """Returns ``(state, bitmap, image, reached)`` of the latest published picture by the scene's integrator.
+        """Returns ``(state, bitmap, image, reached)`` of the latest published picture.
 
         ``bitmap`` has all layers of the picture, multiplied by ``factors``. ``reached`` is a :class:`.Reached`; None
-        before the first sample. Raises KeyError if no picture has been published.
+        before the first sample. Raises ValueError if no picture has been published, and after an error of the scene.
         """
-        picture = self.publisher.pictures["own"].mixed(factors)
-        channels = dict[str, np.ndarray]()
-        for layer, values in picture.layers.items():
+        picture, image, channels = self.publisher.picture, self._image, dict[str, np.ndarray]()
+        if picture is None or image is None:
+            raise ValueError("There is no image; save it when the page shows a new one.")
+        for layer, values in picture.mixed(factors).layers.items():
             # The channels of the layer lights.lamp1 are lamp1.R, lamp1.G and lamp1.B; a map has one channel, error.Y.
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
             channels |= planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
-        return self.publisher.state, of_channels(channels), self._images["own"], self._reached
+        return self.publisher.state, of_channels(channels), image, self._reached
 
     def explanation(self, x: int, y: int) -> str:
-        """Returns the HTML page that explains the pixel (x, y) of the image by the scene's integrator.
+        """Returns the HTML page that explains the pixel (x, y) of the image.
 
         Raises the errors of :class:`.Samples`, and ValueError if no picture has been published.
         """
-        scene, picture = self.scene, self.publisher.pictures.get("own")
+        scene, picture = self.scene, self.publisher.picture
         if scene is None or picture is None:
             raise ValueError("There is no image yet; try again when the page shows one.")
         seen = {"scene": scene.scene, "sensor": scene.sensor, "image": picture.layers["final"]}
@@ -157,12 +155,12 @@ class Viewer:
                 except Exception as error:  # noqa: BLE001 (after any error of a scene, the viewer waits for the next change)
                     self._fail(error)
         finally:
-            self._images, self.scene, self._integrator = {}, None, None
+            self._image = self.scene = None
             gc.unfreeze()
 
     @property
     def _done(self) -> bool:
-        return all(image.done for image in self._images.values())
+        return self._image is None or self._image.done
 
     @property
     def _idle(self) -> bool:
@@ -178,9 +176,9 @@ class Viewer:
             self.scene.look(self._request.camera)
             self._begin(self.scene)
         elif self._request != self._shown:
-            self._pause_or_compare()
-        elif not self._idle:
-            self._step(self.scene)
+            self._pause_or_resume()
+        elif self._image is not None and not self._idle:
+            self._step(self.scene, self._image)
 
     # ---------------------------------------------------------------- a new scene or view
 
@@ -190,7 +188,7 @@ class Viewer:
         A camera that the user has moved stays there, unless the file describes another view than before.
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
-        self.scene, self._images = None, {}
+        self.scene = self._image = None
         self.change(paused=False)
         self.publisher.publish(status="opening", opened=self.publisher.state.opened + 1)
         with warnings.catch_warnings(record=True) as caught:
@@ -209,70 +207,53 @@ class Viewer:
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
-        """Begins a new render of the requested view, with a coarse image first. An image by ``path`` is begun by the
-        next step.
-        """
-        self._shown = replace(self._request, compared=False, paused=False)
+        """Begins a new render of the requested view, with a coarse image first."""
+        self._shown = replace(self._request, paused=False)
         self._reached, self._seconds = None, 0.0
         integrator = scene.scene.integrator()
         image = ProgressiveImage(integrator, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
-        self._images, self._integrator = {"own": image}, image.integrator
-        self._publish(
-            error=None,
-            black=None,
-            view=scene.view_text(self._request.camera),
-            integrator=integrator_name(self._integrator),
-            not_compared=not_compared(self._integrator),
-        )
+        self._image = image
+        self._publish(image, error=None, black=None, view=scene.view_text(self._request.camera))
         image.begin_coarse()
         self._draw(image)
-        self._publish()
+        self._publish(image)
 
-    def _pause_or_compare(self) -> None:
-        """Handles a new request that differs from the shown one only in ``compared`` or ``paused``."""
-        request, own = self._request, self._images.get("own")
-        if own is not None:
-            if request.compared != self._shown.compared:
-                compared = request.compared and not_compared(self._integrator) is None
-                self._images = {"path": rendered_by_path(own), "own": own} if compared else {"own": own}
-            for image in self._images.values():
-                if request.paused and image.new:
-                    self._draw(image)
-            self._publish()
-        self._shown = request
+    def _pause_or_resume(self) -> None:
+        """Handles a new request that differs from the shown one only in ``paused``."""
+        if (image := self._image) is not None:
+            if self._request.paused and image.new:
+                self._draw(image)
+            self._publish(image)
+        self._shown = self._request
 
     # ---------------------------------------------------------------- work item after work item
 
-    def _step(self, scene: LoadedScene) -> None:
-        """Renders one work item; two unfinished images take turns."""
+    def _step(self, scene: LoadedScene, image: ProgressiveImage) -> None:
+        """Renders one work item."""
         started, changes = time.perf_counter(), dict[str, Any]()
-        image_name, image = next((name, image) for name, image in self._images.items() if not image.done)
         if image.step():
             self._draw(image)
-        self._images[image_name] = self._images.pop(image_name)  # moves this image to the end of the queue
-        if image.complete and image_name == "own" and image.picture is not None:
+        if image.complete and image.picture is not None:
             final = image.picture.layers["final"]
             changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
         self._seconds += time.perf_counter() - started
-        self._publish(**changes)
+        self._publish(image, **changes)
 
     def _draw(self, image: ProgressiveImage) -> None:
         with image.throttle.drawing():
             image.picture = Picture(next(self._numbers), image.layers())
-            if image is self._images["own"] and image.render is not None:
+            if image.render is not None:
                 self._reached = image.reached
 
-    def _publish(self, **changes: Any) -> None:
-        """Publishes the pictures, the progress and the other ``changes`` of the state. Before the first picture of the
-        scene's integrator, the previous pictures remain.
+    def _publish(self, image: ProgressiveImage, **changes: Any) -> None:
+        """Publishes the picture and the progress of ``image``, and the other ``changes`` of the state. Before the first
+        picture of an image, the previous picture remains.
         """
-        images, reached = self._images, self._reached
-        pictures = {name: image.picture for name, image in images.items() if image.picture is not None}
+        reached = self._reached
         self.publisher.publish(
-            pictures if "own" in pictures else None,
+            image.picture,
             status="done" if self._done else "paused" if self._request.paused else "rendering",
-            compared=self._request.compared and not_compared(self._integrator) is None,
-            progress=sum(image.progress for image in images.values()) / len(images),
+            progress=image.progress,
             samples=reached.samples if reached else None,
             noise=None if reached is None or isnan(reached.noise) else reached.noise,
             seconds=self._seconds,
@@ -281,7 +262,7 @@ class Viewer:
 
     def _fail(self, error: BaseException) -> None:
         """Publishes an error, and ends the render until the scene's files or the view change."""
-        self._images, self._shown = {}, self._request
+        self._image, self._shown = None, self._request
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mitsuba as mi
 
 from ..optics import nested
-
-
-def can_light(background: Any) -> bool:
-    """Whether the ``background`` of an integrator is None, a constant colour or a bitmap, so that it can light."""
-    return background is None or not background.is_spatially_varying() or "data" in mi.traverse(background)
 
 
 def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
@@ -21,7 +14,7 @@ def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene
     The objects are not copied, because Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError if the
     background varies in space and is not a bitmap.
     """
-    if not can_light(background):
+    if background.is_spatially_varying() and "data" not in mi.traverse(background):
         raise ValueError(
             f"a background of {background.class_name()} can't light the scene for other integrators; use a colour or a "
             "bitmap"

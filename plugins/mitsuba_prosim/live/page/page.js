@@ -8,11 +8,10 @@ import {PanZoom} from "./pan_zoom.js";
 const find = (id) => document.getElementById(id);
 /** Replaces the text of an element only by a different text: a selection stays, a screen reader does not repeat the text. */
 const write = (element, text) => { if (element.textContent !== text) element.textContent = text; };
-const IMAGES = ["own", "path"], COMMON_LAYERS = document.querySelectorAll("input[name=layer]").length;
+const COMMON_LAYERS = document.querySelectorAll("input[name=layer]").length;
 const layers = () => document.querySelectorAll("input[name=layer]");
-const shown = {own: null, path: null};
 // `refreshing`: false, "once", or "again" if the state changed while the layers were fetched.
-let state = null, pointed = null, refreshing = false, comparing = null;
+let state = null, shown = null, pointed = null, refreshing = false;
 
 // ---- the shown layers
 
@@ -34,17 +33,17 @@ const named = (suffix) => `${(state?.scene ?? "picture").replace(/\.[^.]*$/, "")
 const linear = (c) => c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
 const stops = () => Number(find("exposure").value);
 
-/** Draws an image on its canvas. Both images have the same white. */
-function draw(which) {
-    const canvas = find(which), image = shown[which], white = (shown.own ?? image)?.white;
+/** Draws the shown layer on the canvas. */
+function draw() {
+    const canvas = find("canvas"), image = shown;
     if (!image) return;
     if (canvas.width !== image.width || canvas.height !== image.height) [canvas.width, canvas.height] = [image.width, image.height];
     const context = canvas.getContext("2d", {willReadFrequently: true}), pixels = context.createImageData(image.width, image.height);
-    (image.channels === 3 ? drawColours : drawMap)(image, white, stops(), pixels.data);
+    (image.channels === 3 ? drawColours : drawMap)(image, image.white, stops(), pixels.data);
     context.putImageData(pixels, 0, 0);
     canvas.dataset.number = image.number;
     canvas.dataset.layer = image.layer;
-    if (which === "own") showScale(image);
+    showScale(image);
 }
 
 const MAPS = {error: "Standard error of the luminance", samples: "Samples of a pixel"};
@@ -64,44 +63,36 @@ function showScale(image) {
     scale.ariaLabel = `${MAPS[image.layer]}, dark: 0, pale yellow: ${marks[2].textContent}`;
 }
 
-/** Fetches the missing layers one after the other, and then the layers that have changed meanwhile. */
+/** Fetches the chosen layer if it is not the shown one, and again if it has changed meanwhile. */
 async function refresh() {
     if (document.hidden) return;
     if (refreshing) { refreshing = "again"; return; }
     do {
         refreshing = "once";
-        for (const which of IMAGES) await fetchLayer(which);
+        await fetchLayer();
     } while (refreshing === "again");
     refreshing = false;
 }
 
-async function fetchLayer(which) {
-    const number = state.pictures[which], name = layer(), before = shown[which], mixed = which === "own" ? mix() : "";
-    if (number === undefined || (before && before.number === number && before.layer === name && before.mixed === mixed)) return;
+async function fetchLayer() {
+    const number = state.picture, name = layer(), mixed = mix();
+    if (number === null || (shown && shown.number === number && shown.layer === name && shown.mixed === mixed)) return;
     // A coarse picture has no maps; the previous map stays visible until a newer map exists.
     if (!state.layers.includes(name) && name !== "final") return;
-    const exists = which === "own" || ["final", "error", "samples"].includes(name);
     let answer, buffer;
     try {
-        answer = await fetch(`layer/${which}/${exists ? encodeURIComponent(name) : "final"}?${mixed}`);
+        answer = await fetch(`layer/${encodeURIComponent(name)}?${mixed}`);
         buffer = await answer.arrayBuffer();
     } catch { return; } // the server has ended
     if (!answer.ok) return;
     const fact = (header) => Number(answer.headers.get(`X-${header}`));
     const [width, height] = [fact("Width"), fact("Height")];
     const values = new Float32Array(buffer), channels = values.length / (width * height);
-    shown[which] = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White")};
-    if (fact("Picture") < state.pictures[which]) refreshing = "again";
-    if (which === "own") view.resize(...state.size); // only now, because the previous picture may have another size
-    IMAGES.slice(IMAGES.indexOf(which)).forEach(draw); // "path" is drawn with the white of "own"
+    shown = {number: fact("Picture"), layer: name, mixed, width, height, channels, values, white: fact("White")};
+    if (fact("Picture") < state.picture) refreshing = "again";
+    view.resize(...state.size); // only now, because the previous picture may have another size
+    draw();
     if (pointed) ask(pointed);
-}
-
-function split() {
-    const on = state?.compared && shown.path !== null, part = find("split").value;
-    find("path").hidden = find("border").hidden = !on;
-    find("path").style.clipPath = `inset(0 0 0 ${part}%)`;
-    find("border").style.left = find("split").ariaValueText = `${part}%`;
 }
 
 // ---- the state
@@ -110,12 +101,12 @@ const WORDS = {opening: "opening the scene", rendering: "rendering", paused: "pa
 
 function receive(latest) {
     state = latest;
-    const parts = [WORDS[state.status]], prefix = state.compared ? `${state.integrator}: ` : "", percent = `${Math.round(100 * state.progress)} %`;
+    const parts = [WORDS[state.status]], percent = `${Math.round(100 * state.progress)} %`;
     write(find("scene"), state.scene);
     document.title = ({rendering: `${percent} `, failed: "error: ", missing: "missing: "}[state.status] ?? "") + state.scene;
-    if (state.status === "rendering" && state.progress > 0.01) parts.push(state.compared ? `${percent} of both` : percent);
+    if (state.status === "rendering" && state.progress > 0.01) parts.push(percent);
     if (!["failed", "missing"].includes(state.status)) {
-        if (state.samples) parts.push(`${prefix}${state.samples.toFixed(1)} samples a pixel`);
+        if (state.samples) parts.push(`${state.samples.toFixed(1)} samples a pixel`);
         if (state.noise !== null) parts.push(`noise ${state.noise.toPrecision(2)}`);
         if (state.seconds) parts.push(duration(state.seconds));
     }
@@ -123,7 +114,7 @@ function receive(latest) {
     // A separate text for screen readers, because the state changes ten times a second.
     write(find("announcement"), state.status === "done" ? find("state").textContent : WORDS[state.status]);
     document.body.dataset.status = state.status;
-    document.body.dataset.newest = state.pictures.own ?? "";
+    document.body.dataset.newest = state.picture ?? "";
     find("progress").value = state.progress;
     find("error").hidden = !state.error;
     showMessages(find("error"), state.error ?? "");
@@ -143,21 +134,12 @@ function receive(latest) {
         if (["raw", "denoised"].includes(input.value)) input.parentElement.hidden = input.disabled;
     }
     find("camera").disabled = !state.movable;
-    find("compare").disabled = state.not_compared !== null || !state.integrator;
-    find("compare").parentElement.title = state.not_compared ?? "";
-    // The server handles a request between two work items.
-    if (comparing === state.compared || !["rendering", "paused"].includes(state.status)) comparing = null;
-    find("compare").checked = comparing ?? state.compared;
-    find("split-group").hidden = !state.compared;
-    write(find("split-label"), `${state.integrator} | path`);
     find("view").hidden = state.view === null;
     find("home").disabled = false;
-    savable(state.pictures.own !== undefined);
+    savable(state.picture !== null && ["rendering", "paused", "done"].includes(state.status));
     showMix();
     write(find("text"), state.view ?? "");
-    if (state.pictures.path === undefined) shown.path = null;
-    split();
-    refresh().then(split);
+    refresh();
 }
 
 /** Shows the layers of the integrator as choices, and a slider and a colour for each lamp. */
@@ -189,12 +171,11 @@ function showIntegratorLayers(names) {
     if (!document.querySelector("input[name=layer]:checked")) box.querySelector("input").checked = true;
 }
 
-/** Shows the factors of the lamps as numbers and as a command, and on which half of the picture they act. */
+/** Shows the factors of the lamps as numbers and as a command. */
 function showMix() {
     const changed = factors();
     for (const output of find("lamps").querySelectorAll("output")) output.value = Number(output.previousElementSibling.value).toFixed(2);
     find("mixed").hidden = !changed.length;
-    find("half").hidden = !state.compared;
     write(find("command"), ["prosim mix", quoted(named("exr")), ...changed.map(([name, values]) => quoted(`${name.slice(7)}=${values}`))].join(" "));
 }
 
@@ -211,7 +192,7 @@ function lost(refused) {
         : "prosim watch has ended, or does not respond";
     for (const id of ["state", "announcement"]) write(find(id), text);
     document.body.dataset.status = "lost";
-    for (const id of ["pause", "camera", "compare", "explain", "home"]) find(id).disabled = true;
+    for (const id of ["pause", "camera", "explain", "home"]) find(id).disabled = true;
     for (const input of layers()) input.disabled = !input.checked;
     savable(false);
 }
@@ -250,14 +231,13 @@ let details = null, timer = 0;
 
 function showPixel() {
     if (!pointed) return;
-    const [x, y] = pointed, image = shown.own, lines = [`(${x}, ${y})`];
+    const [x, y] = pointed, image = shown, values = details?.values, lines = [`(${x}, ${y})`];
     if (image?.channels === 3) {
         const [row, column] = [y * image.height / view.height, x * image.width / view.width].map(Math.floor);
         const at = 3 * (row * image.width + column);
-        lines.push(`RGB ${[0, 1, 2].map((c) => digits((image.mixed ? null : details?.own?.[image.layer]?.[c]) ?? image.values[at + c])).join(" ")}`);
-    } else if (details?.own) lines.push(`RGB ${details.own.final.map((v) => digits(v)).join(" ")}`);
-    if (details?.path) lines.push(`path ${details.path.final.map((v) => digits(v)).join(" ")}`);
-    if (details?.own?.error !== undefined) lines.push(`error ${digits(details.own.error)}`, details.own.samples === 1 ? "1 sample" : `${digits(details.own.samples)} samples`);
+        lines.push(`RGB ${[0, 1, 2].map((c) => digits((image.mixed ? null : values?.[image.layer]?.[c]) ?? image.values[at + c])).join(" ")}`);
+    } else if (values) lines.push(`RGB ${values.final.map((v) => digits(v)).join(" ")}`);
+    if (values?.error !== undefined) lines.push(`error ${digits(values.error)}`, values.samples === 1 ? "1 sample" : `${digits(values.samples)} samples`);
     if (details?.surface) lines.push(details.surface);
     find("pixel").textContent = lines.join(" · ");
 }
@@ -290,7 +270,7 @@ function ask(pixel) {
 
 new ResizeObserver(() => showCarets(find("notes"))).observe(find("notes")); // also when the user opens the warnings
 
-const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, moved: split, point, explain});
+const view = new PanZoom(find("stage"), find("picture"), {camera: () => find("camera").checked && !find("camera").disabled, gesture, point, explain});
 
 find("layers").addEventListener("change", () => refresh());
 function mixed() {
@@ -307,7 +287,7 @@ find("unmix").addEventListener("click", () => {
 function exposed() {
     find("stops").textContent = stops() > 0 ? `+${stops()}` : String(stops());
     find("neutral").disabled = stops() === 0;
-    IMAGES.forEach(draw);
+    draw();
     savable(find("png").hasAttribute("href"));
 }
 find("exposure").addEventListener("input", exposed);
@@ -316,22 +296,7 @@ find("neutral").addEventListener("click", () => {
     find("exposure").focus();
     exposed();
 });
-find("split").addEventListener("input", split);
-find("border").addEventListener("pointerdown", (e) => {
-    e.stopPropagation(); // the picture does not move
-    e.target.setPointerCapture(e.pointerId);
-});
-find("border").addEventListener("pointermove", (e) => {
-    if (!e.target.hasPointerCapture(e.pointerId)) return;
-    const box = find("picture").getBoundingClientRect();
-    find("split").value = 100 * (e.clientX - box.left) / box.width;
-    split();
-});
 find("pause").addEventListener("click", () => post(state.status === "paused" ? "do/resume" : "do/pause"));
-find("compare").addEventListener("change", (e) => {
-    comparing = e.target.checked;
-    post(comparing ? "do/compare" : "do/alone");
-});
 find("camera").addEventListener("change", (e) => find("stage").classList.toggle("camera", e.target.checked));
 find("fit").addEventListener("click", () => view.fit());
 find("actual").addEventListener("click", () => view.actual());

@@ -4,11 +4,11 @@
 const CLICK = 3;
 
 /** Moves and zooms the picture. If `camera()` is true, calls `gesture(kind, x, y)` instead: orbit in degrees, pan in
- * fractions of the picture, dolly as a factor. Calls `moved()` after the picture was moved, `point(pixel)` when the pointer
- * is at a pixel, and `explain(pixel)` after a click and after Enter. */
+ * fractions of the picture, dolly as a factor. Calls `point(pixel)` when the pointer is at a pixel, and `explain(pixel)`
+ * after a click and after Enter. */
 export class PanZoom {
-    constructor(stage, picture, {camera, gesture, moved, point, explain}) {
-        Object.assign(this, {stage, picture, camera, gesture, moved, point, explain, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
+    constructor(stage, picture, {camera, gesture, point, explain}) {
+        Object.assign(this, {stage, picture, camera, gesture, point, explain, width: 1, height: 1, zoom: 1, x: 0, y: 0, fitted: true});
         this.pointers = new Map();
         stage.addEventListener("pointerdown", (e) => this.down(e));
         stage.addEventListener("pointermove", (e) => this.move(e));
@@ -56,7 +56,6 @@ export class PanZoom {
         this.picture.style.left = `${this.x}px`;
         this.picture.style.top = `${this.y}px`;
         this.picture.classList.toggle("large", this.zoom * devicePixelRatio >= 2);
-        this.moved();
     }
 
     shift(dx, dy) {

@@ -334,6 +334,27 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 
 
+@pytest.mark.parametrize("inner", [("path",), ("path", "direct")])
+@pytest.mark.parametrize("wrapper", [{}, {"type": "prosim_adaptive", "adaptive": "none"}])
+def test_image_of_aov_is_denoised_beside_all_channels_of_aov(variant_rgb, denoiser, inner, wrapper):
+    """The film has more channels than the image that ``aov`` returns."""
+    scene = penumbra(size=16)
+    scene["sensor"]["film"] |= {"crop_offset_x": 3, "crop_width": 9}
+    scene = mi.load_dict(scene)
+    aov = {"type": "aov", "aovs": "d:depth", **{name: {"type": name} for name in inner}}
+    nested = [wrapper | {"nested": each} if wrapper else each for each in (aov, {"type": "path"})]
+    images = [
+        np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim_denoised", "nested": each}), seed=2, spp=8))
+        for each in nested
+    ]
+    channels = dict(zip(["R", "G", "B", *mi.load_dict(aov).aov_names()], np.moveaxis(images[0], 2, 0)))
+    assert images[0].shape[2] == len(channels) + 9  # then "raw", "denoised" and the errors
+    np.testing.assert_allclose(images[0][..., :3], images[1][..., :3], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(channels["path.R"], images[1][..., 3], rtol=1e-4, atol=1e-5)
+    depth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "aov", "aovs": "d:depth"}), spp=64))
+    assert channels["d.T"].mean() == pytest.approx(depth.mean(), rel=0.02)
+
+
 def test_the_integrator_refuses_other_films(variant_rgb):
     scene = penumbra(type="prosim_denoised", nested={"type": "path"})
     scene["sensor"]["film"]["pixel_format"] = "xyz"

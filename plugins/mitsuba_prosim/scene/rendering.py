@@ -86,10 +86,11 @@ class Blocking(Steps):
             self._spp = ((self._spp or sensor.sampler().sample_count()) + 1) // 2
             # The second seed is not a neighbour of the first seed, which may be the seed of another image.
             seeds.append(combine(hash32(seed), 1))
-        # ``develop=True``, because Mitsuba's integrators in Python always develop the film. Files are written later.
         for number, seed in enumerate(seeds, 1):
             with denormals_rounded():
-                self._images.append(integrator.render(scene, sensor, seed=seed, spp=self._spp, develop=True))
+                integrator.render(scene, sensor, seed=seed, spp=self._spp)
+                # The film has all channels, of which ``aov`` returns a part.
+                self._images.append(sensor.film().develop())
                 dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 

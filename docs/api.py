@@ -33,7 +33,6 @@ MODULES = {
     "mitsuba_prosim": None,
     "mitsuba_prosim.denoising": ["render"],
     "mitsuba_prosim.live.result": ["Result"],
-    "mitsuba_prosim.parallel": ["render"],
     "mitsuba_prosim.engine.integrator": ["ProgressiveIntegrator.progressive"],
     "mitsuba_prosim.engine.render": [
         f"Render.{name}"

@@ -27,7 +27,7 @@ from mitsuba_prosim.engine import environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
-from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor, render
+from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor
 from mitsuba_prosim.scene import scene_file, session
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
@@ -187,11 +187,10 @@ def test_by_threads_of_this_process(lamp, monkeypatch):
     """A work item that fails three times ends the render with its error."""
     with distributed.Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
         for changes in {"integrator": NOISE}, {"crop": (9, 5, 32, 24)}:
-            image = render(lamp, client=client, seed=2, **changes)
-            assert np.array_equal(np.array(image), here(lamp, **changes))
+            assert np.array_equal(there(client, lamp, **changes), here(lamp, **changes))
         monkeypatch.setattr(worker, "timed_sums", lambda *_: 1 / 0)
         with pytest.raises(ClusterError, match="3 attempts failed, the last one with: division by zero"):
-            render(lamp, client=client)
+            there(client, lamp)
 
 
 #: Two mirrors of 1e-20 show a sky of 1e38; a product of the mirrors is a denormal number.
@@ -292,7 +291,7 @@ def test_two_renders_on_one_cluster(client, lamp):
     crop = {"integrator": {"adaptive": "graded"}, "crop": (9, 5, 32, 24)}
     environ = os.environ | {"DASK_INTERNAL_INHERIT_CONFIG": dask.config.serialize(dask.config.config)}
     with started([*command, "--cluster", client.scheduler.address], env=environ) as process:
-        image = np.array(render(lamp, client=client, seed=2, **crop))
+        image = there(client, lamp, **crop)
         assert process.wait(PATIENCE) == 0
     assert np.array_equal(image, here(lamp, **crop))
     done(*options, lamp.parent / "b")
@@ -398,7 +397,7 @@ def install(scene, monkeypatch):
 
 
 @pytest.mark.slow
-def test_by_slurm(scene, variant_rgb, tmp_path, install):
+def test_by_slurm(scene, variant_rgb, install):
     pytest.importorskip("dask_jobqueue", reason="dask_jobqueue.SLURMCluster is of dask-jobqueue")
     install(AT_ONCE)
     (code,) = re.findall(r"^```python\n([^`]*SLURMCluster\([^`]*)^```$", PAGE, re.MULTILINE)
@@ -407,8 +406,8 @@ def test_by_slurm(scene, variant_rgb, tmp_path, install):
     known = {}
     try:
         exec(code.replace("SLURMCluster(", f"SLURMCluster({local}, "), known)
-        loaded = scene_file.SceneFile(scene, tmp_path).load()
-        assert np.array_equal(np.array(known["image"]), np.array(loaded.integrator().render(loaded)))
+        done("render", scene, "-o", "whole")
+        assert alike(scene, Path("whole"))
     finally:
         if "cluster" in known:
             known["cluster"].close()

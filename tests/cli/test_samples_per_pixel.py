@@ -6,10 +6,12 @@ import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
 import pytest
-from mitsuba_prosim import denoising, parallel
+from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.render import Render
 from mitsuba_prosim.parallel import cluster
-from mitsuba_prosim.scene import rendering
+from mitsuba_prosim.parallel.bundle import SceneBundle
+from mitsuba_prosim.parallel.executor import DaskExecutor
+from mitsuba_prosim.scene import rendering, scene_file
 from running import LIT_FLOOR, done, refused, scene_text
 
 SPP = 12
@@ -80,7 +82,9 @@ def test_each_pixel_gets_the_samples(scene, variant_rgb, counts, way, integrator
 @pytest.mark.parametrize("integrator", INTEGRATORS[1::3])
 def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator):
     scene.write_text(scene_text(integrator, LIT_FLOOR))
-    parallel.render(scene, client=client, spp=SPP)
+    file = scene_file.SceneFile(scene, scene.parent)
+    loaded, executor = file.load(), DaskExecutor(client, SceneBundle.of(file))
+    loaded.integrator().progressive(loaded, spp=SPP, executor=executor).run()
     assert np.all(counts() == SPP)
 
 

@@ -4,7 +4,3 @@ An image that workers render has the same bits as an image that one process rend
 of processor. The modules are imported only when a render uses workers, because the extra ``cluster``, which has Dask,
 may be missing.
 """
-
-from .executor import ClusterError, DaskExecutor, render
-
-__all__ = ["ClusterError", "DaskExecutor", "render"]

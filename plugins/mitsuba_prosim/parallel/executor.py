@@ -6,21 +6,17 @@ import pickle
 import time
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import dask
 import distributed
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from .. import atomic
 from ..alone import alone
 from ..engine import environment
 from ..engine.accumulators import Accumulators
 from ..engine.work import Executor, Results, WorkItem
-from ..scene import rendering, scene_file
 from . import worker
 from .bundle import SceneBundle
 
@@ -149,36 +145,3 @@ class DaskExecutor(Executor):
         if not self._workers and now - self._begun > WARNING_DELAY:
             warnings.warn("the cluster has no workers yet; the render begins when there are some", stacklevel=2)
         return False
-
-
-def render(
-    scene: str | Path,
-    *,
-    client: distributed.Client | None = None,
-    sensor: int = 0,
-    seed: int = 0,
-    spp: int = 0,
-    **changes: Any,
-) -> mi.TensorXf:
-    """Renders a scene file on the workers of a Dask cluster; returns the image, shape (height, width, channels).
-
-    ``scene`` is a file in the thesis's scene language or in XML. ``client`` is a client of the cluster (None: Dask's
-    current client), ``spp`` the number of samples per pixel (0: as in the scene file). ``changes`` are further
-    arguments of :class:`.SceneFile`, such as ``resolution=(640, 480)`` or ``integrator={"noise": 0.01}``. If all
-    machines have the same kind of processor, the image has the same bits as without workers.
-
-    Raises :class:`ClusterError` if the cluster cannot render the image, and ValueError if the scene cannot be sent to
-    workers or its integrator cannot render progressively.
-    """
-    with atomic.scratch() as folder:
-        file = scene_file.SceneFile(scene, folder, **changes)
-        loaded = file.load()
-        bundle = SceneBundle.of(file, sensor)
-    integrator: Any = loaded.integrator()
-    rendering.require_progressive(integrator, f"{scene}: a cluster")
-    executor = DaskExecutor(client or distributed.default_client(), bundle)
-    chosen = scene_file.pick_sensor(loaded, sensor)
-    progress = integrator.progressive(loaded, chosen, seed, spp, executor=executor).run()
-    if executor.loss_reason:
-        raise ClusterError(executor.loss_reason)
-    return progress.image()

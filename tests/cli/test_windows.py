@@ -17,7 +17,7 @@ SIGNALS = "SIGALRM SIGCHLD SIGCONT SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR
 WINDOWS = f"""if True:
     import builtins, contextlib, importlib, os, pkgutil, signal, sys
     import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm.auto
-    others = "ctypes.util distributed flip_evaluator jinja2 matplotlib mitsuba_oidn pygls.lsp.server skimage"
+    others = "ctypes.util distributed flip_evaluator jinja2 matplotlib mitsuba_oidn pygls.lsp.server"
     for name in [*others.split(), "starlette.applications", "uvicorn.main", "ipywidgets"]:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)

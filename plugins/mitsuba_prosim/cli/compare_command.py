@@ -14,14 +14,11 @@ from ..scene import session
 from . import files
 from .files import SCENE_FILE
 from .job import Command, Job, job_options
-from .option_types import ROOTS, InputError, Integer, Number, input_errors, option, require_extra
+from .option_types import ROOTS, Integer, Number, input_errors, option, require_extra
 from .progress import Progress
 from .render_task import Resources, check_denoising
 
 SUFFIXES = (".html", ".json")
-
-#: SSIM compares square windows with this many pixels per side, so it is not defined for a smaller image.
-SSIM_WINDOW = 7
 
 
 @click.command(cls=Command)
@@ -71,10 +68,6 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
                     raise ValueError(
                         f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
                     ) from None
-        width, height = compared_scene.sensor().film().crop_size()
-        if min(width, height) < SSIM_WINDOW:
-            smallest = f"{SSIM_WINDOW} x {SSIM_WINDOW}"
-            raise InputError(f"{scene}: SSIM needs {smallest} pixels; the image has {width} x {height}.")
         files.check(stem, SUFFIXES, 2**23, [scene])  # 8 MiB is about the size of the page
         effort = comparison.Effort(sqrt_spp, rounds, reference_seconds, job.denoise)
         compared = comparison.Comparison(compared_scene, scene.name, *specs, effort, job.exposure or 0.0)

@@ -20,7 +20,6 @@ MEASURES = {
     "tone_mapped_rmse": ("tone-mapped RMSE", "RMSE after a square root, which is about what a screen shows"),
     "percentile99": ("99th percentile", "tone-mapped error that 99 % of the pixels do not exceed"),
     "relative_mse": ("relMSE", "squared error over the squared reference plus 0.01"),
-    "ssim": ("SSIM", "structural similarity; 1 is equal"),
     "flip": ("ꟻLIP", "difference that a viewer sees when flipping between image and reference; 0 is none"),
 }
 

@@ -42,13 +42,6 @@ def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
     return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 
-def ssim(image: np.ndarray, reference: np.ndarray) -> float:
-    """Structural similarity (SSIM) of the displayed images, of at least 7 x 7 pixels. Source: Wang et al. (2004)."""
-    from skimage.metrics import structural_similarity
-
-    return float(structural_similarity(display(reference), display(image), channel_axis=2, data_range=1.0))
-
-
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """The error measure ꟻLIP of each pixel, 0 to 1: the difference that a viewer sees between the displayed images, at
     67 pixels per degree of the visual angle. Source: Andersson et al. (2020).
@@ -65,7 +58,7 @@ def flip(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 #: Name of a measure -> its function of an image and its reference.
-ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_mse, ssim, flip)}
+ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_mse, flip)}
 
 
 def slope(costs: Sequence[float], errors: Sequence[float]) -> float:

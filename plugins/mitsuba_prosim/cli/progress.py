@@ -1,4 +1,4 @@
-"""Shows the progress of a command: a bar on a terminal, or else a line of text from time to time."""
+"""Shows the progress of a command as a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -8,10 +8,6 @@ from typing import Any
 
 from tqdm import tqdm
 
-#: Without a terminal, the time between two lines is ``SHARE`` of the elapsed time, but at least ``SHORTEST`` seconds
-#: and at most ``LONGEST`` seconds.
-SHORTEST, LONGEST, SHARE = 10.0, 300.0, 0.25
-
 #: Progress below which the remaining time is unknown, because kernels are compiled first.
 KNOWN = 0.005
 
@@ -19,16 +15,17 @@ tqdm.set_lock(RLock())  # the default lock imports multiprocessing
 
 
 class Progress(tqdm):
-    """Shows on standard error the progress of successive phases of work, or of the frames of an animation.
+    """Shows on standard error, if it is a terminal, the progress of successive phases of work, or of the frames of an
+    animation.
 
     ``doing`` is the text that describes the work until the first phase begins. ``frames`` is the number of frames.
     """
 
     def __init__(self, doing: str, frames: int = 1) -> None:
-        self.on_terminal, self.next_line = sys.stderr.isatty(), SHORTEST
         self.phase, self.finished = "", 0
         form = "{l_bar}{bar}| {elapsed}, {remaining} left"
-        super().__init__(None, doing, frames, leave=False, file=sys.stderr, miniters=0, smoothing=0, bar_format=form)
+        how = {"leave": False, "miniters": 0, "smoothing": 0, "bar_format": form, "disable": None}
+        super().__init__(None, doing, frames, file=sys.stderr, **how)
 
     def show(self, done: float, phase: str = "rendering") -> None:
         """Shows ``done``, the finished fraction of a phase or frame, in [0, 1].
@@ -39,7 +36,6 @@ class Progress(tqdm):
         if phase != self.phase:
             if self.phase:
                 self.reset()
-                self.next_line = SHORTEST
             self.phase, self.initial = phase, done
             self.set_description_str(phase, refresh=False)
         self.update(self.finished + done - self.n)
@@ -50,22 +46,6 @@ class Progress(tqdm):
         shown: dict[str, Any] = super().format_dict
         early = shown["n"] - shown["initial"] < KNOWN * shown["total"]
         return shown | {"initial": shown["n"]} if early else shown
-
-    def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Draws the bar; without a terminal, prints a line if enough time has passed since the last line."""
-        if self.on_terminal:
-            return bool(super().display(msg, pos))
-        shown = self.format_dict
-        if msg is None and shown["elapsed"] >= self.next_line:
-            self.next_line = shown["elapsed"] + min(max(SHORTEST, SHARE * shown["elapsed"]), LONGEST)
-            form = "{desc}: {percentage:.0f} %, {elapsed} passed, {remaining} left"
-            print(self.format_meter(**shown | {"bar_format": form}), file=sys.stderr, flush=True)
-        return False
-
-    def clear(self, *how: Any, **more: Any) -> None:
-        """Removes the bar from the terminal until the next :meth:`display`."""
-        if self.on_terminal:
-            super().clear(*how, **more)
 
     def begin(self, number: int, finished: int, total: int) -> None:
         """Shows that the frame ``number`` is being rendered, and that ``finished`` of ``total`` frames are finished."""

@@ -12,6 +12,10 @@ FROSTED = {"type": "roughdielectric", "alpha": 0.02}
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.03}
 PLASTIC = {"type": "roughplastic", "alpha": 0.02}
 FOG = {"type": "homogeneous", "albedo": 0.9, "sigma_t": 2.0}
+POINT = {"type": "point", "position": [0, 1, 0], "intensity": rgb(20, 20, 20)}
+SUN = {"type": "directional", "direction": [0.3, -1, 0.1], "irradiance": rgb(3, 3, 3)}
+CLEAR = {"type": "mask", "opacity": 0.0, "b": {"type": "diffuse"}}
+HIDING = {"type": "path", "hide_emitters": True}
 SKY = {"sky": {"type": "constant", "radiance": rgb(0.3, 0.3, 0.3)}}
 
 
@@ -26,6 +30,11 @@ def bulb(center=(2, 5, 0), radius=0.12, radiance=200.0):
 def panel(angle, radiance=0.4):
     to_world = T().translate([0, 6, 0]).rotate([1, 0, 0], angle).scale(3)
     return {"panel": {"type": "rectangle", "to_world": to_world} | area(radiance)}
+
+
+def pane(bsdf, scale=4):
+    to_world = T().translate([0, 2.2, 0]).rotate([1, 0, 0], -90).scale(scale)
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf}
 
 
 def cloud(radius=1):
@@ -52,10 +61,16 @@ def faults():
         (scene(PATHS, vase=ball(COPPER), **bulb()), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS), **bulb(), **panel(90)), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS), **bulb(), **SKY), "light of bulb by way of vase"),
-        (scene(vase=ball(GLASS, (1.2, 1, 0)), **bulb()), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1)), "light of bulb by way of vase"),
         (scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)), "lamp smaller than a pixel"),
-        (scene(PATHS, vase=ball(COPPER), **bulb(radius=0.01, radiance=5e4)), "lamp smaller than a pixel"),
+        (scene(pane=pane({"type": "thindielectric"}), **bulb((0, 4, 0), 0.05, 900.0)), "light of bulb through pane"),
+        (scene(pane=pane(FROSTED), **bulb((0, 4, 0), 0.1, 300.0)), "light of bulb by way of pane"),
+        (scene(vase=ball(GLASS), **bulb((0, 1, 0)) | {"bulb": POINT}), "only through glass or a mask, such as vase"),
+        (scene(pane=pane(GLASS, 9), sun=SUN), "only through glass or a mask, such as pane"),
+        (scene({"type": "path", "max_depth": 1}, **bulb((0, 9, 0))), "max_depth = 1 ends all rays"),
+        (scene({"type": "path", "max_depth": 3}, vase=ball(GLASS), **bulb()), "max_depth = 3 ends rays within glass"),
+        (scene(HIDING, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
+        (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **bulb((0, 9, 0))), "masks with nothing"),
         (scene(), "the scene has no lights"),
         (scene(target=(0, 8, 20), **bulb()), "nothing is in view"),
         (scene(**panel(-90)), "the lights shine elsewhere"),
@@ -69,7 +84,7 @@ def faults():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_verdict_names_the_cause_of_a_planted_fault():
-    """Of at least 16 of 20; it never names a thing without a fault."""
+    """Of at least 24 of 26; it never names a thing without a fault."""
     mi.set_variant("llvm_ad_rgb")
     verdicts = [
         (says, mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict) for made, says in faults()
@@ -77,7 +92,7 @@ def test_verdict_names_the_cause_of_a_planted_fault():
     assert not [verdict for _, verdict in verdicts if "chalk" in verdict or "panel" in verdict or "sky" in verdict]
     assert not [verdict for says, verdict in verdicts if "way of floor" in verdict]
     missed = [(says, verdict) for says, verdict in verdicts if says not in verdict]
-    assert len(missed) <= 4, missed
+    assert len(missed) <= 2, missed
 
 
 @pytest.mark.parametrize("pixel_format", ["rgba", "luminance"])
@@ -87,6 +102,22 @@ def test_crop_window_of_a_grey_film_has_a_cause(variant_rgb, pixel_format):
     made["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
     told = mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict
     assert "half of the error: the light of bulb by way of vase" in told
+
+
+def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
+    """Because it needs more time than is left."""
+    monkeypatch.setattr("mitsuba_prosim.explaining.verdict.why_noisy", lambda *_: pytest.fail("is looked for"))
+    made = mi.load_dict(scene(vase=ball(GLASS), **bulb()))
+    mitsuba_prosim.render(made, noise=1, progress=False)  # compiles the kernels
+    limited = mitsuba_prosim.render(made, noise=1e-5, time=0.5, progress=False)
+    assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
+
+
+def test_large_error_everywhere_has_a_cause(variant_rgb):
+    made = scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1))
+    assert (
+        "the light of bulb by way of vase" in mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict
+    )
 
 
 def test_good_image_has_no_cause(variant_rgb):

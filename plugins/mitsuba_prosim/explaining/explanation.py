@@ -24,6 +24,7 @@ from ..engine.camera import is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..registry import PLUGINS, create
+from ..scene.black import depth_limit
 from ..scene.scene_file import SceneFile, pick_sensor
 from . import explanation_page, noise
 from .recorder import Node, Numbers, Places, Recorder
@@ -41,8 +42,6 @@ OUTER_NOTES = {
     "prosim_denoised": "The image is denoised; these are the samples before.",
     "prosim_adaptive": "The image has other samples, because prosim_adaptive gives prosim other random numbers.",
 }
-#: An unlimited depth in Mitsuba's integrators.
-UNLIMITED = (1 << 32) - 1
 
 
 @dataclass(frozen=True)
@@ -302,15 +301,15 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
         notes.extend(note for name, note in OUTER_NOTES.items() if PLUGINS[name] in outer)
         return integrator
     kind, _, parameters = str(integrator).partition("[")  # class_name() is not that of a class in Python
-    depth, direct = re.match(r"\s*max_depth = (-?\d+)", parameters), kind == "DirectIntegrator"
-    if not (isinstance(integrator, mi.SamplingIntegrator) and (depth or direct)):
+    known = kind == "DirectIntegrator" or re.match(r"\s*max_depth = ", parameters)
+    if not (isinstance(integrator, mi.SamplingIntegrator) and known):
         raise ValueError(f"the integrator {kind} has no samples of pixels that can be explained; give prosim or path")
-    most = 2 if direct or depth is None else int(depth[1])
-    level = -1 if most in (-1, UNLIMITED) else max(most - 2, 0)
+    level = depth_limit(integrator)[1]
     found = "the same light, except light that media scatter," if "Vol" in kind else "the same light"
     paths = f"these are paths of prosim, which find {found} with other random numbers"
     notes.append(f"The integrator {kind} keeps no record of its rays; {paths}.")
-    return create("prosim", max_level=level, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
+    most = -1 if math.isinf(level) else max(int(level), 0)
+    return create("prosim", max_level=most, diffuse_bounces=-1, hide_emitters=integrator.hide_emitters)
 
 
 def places(file: SceneFile) -> Places:

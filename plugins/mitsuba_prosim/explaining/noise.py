@@ -139,7 +139,19 @@ def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> t
     (name, focused), amount = max(amounts, key=lambda item: abs(item[1]), default=(("", False), 0.0))
     dimension = max(found, key=found.__getitem__, default="")
     advice = DIMENSIONS[dimension][1] if found.get(dimension, 0) >= 0.05 else "more samples"
-    return name * bool(amount), advice + ", and photons (caustics)" * (focused and dimension == "lobe")
+    return name * bool(amount), advice + ", and photons (caustics)" * (focused and dimension in ("lobe", "choice"))
+
+
+def rarely_met(recorder: Recorder) -> str:
+    """Returns the lamp that glass hides most often from the surfaces, in words, because rays meet it only by chance;
+    empty if glass hides no lamp.
+    """
+    hidden = Counter[str]()
+    for (lamp, state, by), number in recorder.sums("lamp", ("lamp", "state", "occluder")).items():
+        if state == HIDDEN and lobes.has_any(recorder.flags.get(by, 0), *lobes.REFRACTED):
+            hidden[f"the light of {recorder.lamps[lamp]} through {recorder.shape(by)}"] += number
+    remedy = "which only rays find that meet the lamp by chance; what would help: photons (caustics), or a larger lamp"
+    return f"{hidden.most_common(1)[0][0]}, {remedy}" if hidden else ""
 
 
 def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, bool], float]:

@@ -12,7 +12,9 @@ from ..engine.policies import mean_around
 from ..engine.render import Render
 from ..engine.standard_error import in_display_units
 from ..optics.nested import all_shapes
+from ..scene.black import depth_limit
 from ..scene.images import luminance
+from ..transport import lobes
 
 if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
@@ -22,10 +24,11 @@ ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 
 TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
-#: A cause is named if half of the error is in at most this fraction of the pixels.
-FEW_PIXELS = 0.02
-#: Number of further samples that tell the cause.
-FURTHER = 4096
+#: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
+#: 1), or this many times its limit, wherever it is.
+FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
+#: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it.
+FURTHER, ATTEMPTS, SECONDS = 4096, 3, 1.5
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 
@@ -64,8 +67,9 @@ def verdict(
     """Returns the errors of the displayed image (white = 1) that a ``render`` has reached, and what ended it, in words.
 
     ``final`` is the final image of a render with a denoiser. The bound in brackets after an error holds in about 95 of
-    100 renders. If the error is uncertain, the ``integrator`` of the render takes further samples, which tell the
-    :func:`cause`; None leaves the cause out. ``file`` is the file of the scene, whose names of shapes the cause uses.
+    100 renders. If the error is uncertain or large, the ``integrator`` of the render takes further samples, which tell
+    the :func:`cause`, unless a time limit leaves too little time; None leaves the cause out. ``file`` is the file of
+    the scene, whose names of shapes the cause uses.
     """
     ended = end_cause(render, interrupted)
     parts = _errors(render, ended) if isinstance(render, Render) else []
@@ -79,46 +83,75 @@ def verdict(
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
     sentences = [", ".join(parts)]
     if integrator is not None and isinstance(render, Render):
-        sentences.append(ignored_media(render))
-        doubtful = render.reached.uncertain or (not limits(render) and isnan(render.noise_bound()))
-        if doubtful and not (interrupted or render.target.seconds):
+        ignored = ignored_media(render)
+        sentences += [ignored, too_shallow(render, integrator)]
+        if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):  # the image is finished, and must not be lost
                 sentences.append(cause(render, integrator, file))
     return ". ".join(filter(None, sentences))
 
 
-def cause(render: Render, integrator: Any, file: Any = None) -> str:
-    """Returns which pixels have half of the error, and which light makes the worst of them noisy, in words; empty if
-    more than the fraction :data:`FEW_PIXELS` of the pixels have half of the error.
+def is_doubtful(render: Render, most: float) -> bool:
+    """Tells whether the error of the image is uncertain or far above its limit, or, without limits, above ``most``."""
+    if limits(render):
+        return render.reached.uncertain or bool(render.target.excess(render.state.noise) > MISSED)
+    return not render.noise_bound() <= most
 
-    Further samples of the worst pixel tell the light, unless they vary much less than those of the image.
+
+def cause(render: Render, integrator: Any, file: Any = None) -> str:
+    """Returns which pixels have half of the error, and which light makes such a pixel noisy, in words; empty if this is
+    more than the fraction :data:`FEW_PIXELS` of the pixels and the light is unknown.
+
+    Further samples of the pixel tell the light, unless they vary much less than those of the image. A time limit of a
+    render may leave no time for them.
+    """
+    error, colours = np.float64(render.error()), np.array(render.image())
+    light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
+    squares = np.square(in_display_units(error, np.minimum(light, mean_around(light, 2))))
+    if not squares.sum() > 0:  # NaN, if a pixel has one sample
+        return ""
+    order = np.argsort(-squares, axis=None)
+    count = int(np.searchsorted(np.cumsum(squares.ravel()[order]), squares.sum() / 2)) + 1
+    few = count <= FEW_PIXELS * squares.size
+    pixels = order[:ATTEMPTS] if few else order[count // 2 :][:ATTEMPTS]
+    places = [(int(i) % squares.shape[1], int(i) // squares.shape[1]) for i in pixels[:count]]
+    such = "{},{}".format(*places[0])
+    told = f"{count if few else f'{count / squares.size:.0%} of the'} pixels, such as {such}, have half of the error"
+    if count == 1:
+        told = f"The pixel {such} has half of the error"
+    if has_media(render) and "Vol" in nested_name(render):
+        return f"{told}, and media scatter light"
+    limit = render.target.seconds
+    if limit and render.target.elapsed + SECONDS > 1.05 * limit:
+        return told * few
+    why: str | None = None
+    for x, y in places:
+        if why := why_noisy(render, x, y, error, integrator, file):
+            return f"{told}: {why}"
+    # One of few pixels may have met the only bright sample; the variance of many pixels is known.
+    better = why == "" and not few and nested_name(render)
+    return f"{told}; paths of prosim (--paths) would vary much less" if better else told * few
+
+
+def why_noisy(render: Render, x: int, y: int, error: np.ndarray, integrator: Any, file: Any) -> str | None:
+    """Returns which light makes a pixel noisy, and what would help, in words; empty if further samples vary much less
+    and glass hides no lamp, None if the integrator has no samples that can be explained.
     """
     from . import noise  # few renders need these modules
     from .explanation import Samples, places
 
-    error, colours, estimator = np.float64(render.error()), np.array(render.image()), render.state.estimator
-    light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
-    squares = np.square(in_display_units(error, np.minimum(light, mean_around(light, 2))))
-    order = np.argsort(-squares, axis=None)
-    count = int(np.searchsorted(np.cumsum(squares.ravel()[order]), squares.sum() / 2)) + 1
-    if not count <= FEW_PIXELS * squares.size:
-        return ""
-    x, y = int(order[0]) % squares.shape[1], int(order[0]) // squares.shape[1]
-    told = f"The pixel {x},{y} has" if count == 1 else f"{count} pixels, such as {x},{y}, have"
-    told, samples, seed = f"{told} half of the error", int(render.counts()[y, x]), int(render.state.plan.seed[0])
-    if has_media(render) and "Vol" in nested_name(render):
-        return f"{told}, and media scatter light"
+    samples, seed, estimator = int(render.counts()[y, x]), int(render.state.plan.seed[0]), render.state.estimator
     names = None if file is None else places(file)
     try:
         found = Samples(estimator.scene, (x, y), FURTHER, estimator.sensor, integrator, seed, names)
-    except ValueError:  # the integrator has no samples that can be explained
-        return told
+    except ValueError:
+        return None
     deviations = np.square(found.luminance - found.luminance.mean())
     variance = samples * error[y, x] ** 2  # of a sample of the image, or of one bright sample among the others
     if deviations.mean() < variance / 8 and deviations.max() < samples * variance / 16:
-        return told
-    cause, remedy = noise.worst(found.shares, found.recorder, found.deviations()[0])
-    return f"{told}: {cause}; what would help: {remedy}"
+        return noise.rarely_met(found.recorder)
+    light, remedy = noise.worst(found.shares, found.recorder, found.deviations()[0])
+    return f"{light}; what would help: {remedy}"
 
 
 def nested_name(render: Render) -> str:
@@ -136,6 +169,16 @@ def ignored_media(render: Render) -> str:
     """Returns that Mitsuba's integrator ignores the media of the scene, in words; empty if it does not."""
     name = nested_name(render)
     return f"{name} ignores the media of the scene: take volpath" if name in SURFACES and has_media(render) else ""
+
+
+def too_shallow(render: Render, integrator: Any) -> str:
+    """Returns that rays end within glass, because the ``integrator`` limits their depth, in words; empty if not."""
+    limit, deepest = depth_limit(integrator)
+    if deepest >= 2:  # a ray enters glass and leaves it
+        return ""
+    glass = (shape for shape in all_shapes(render.state.estimator.scene) if shape.bsdf() is not None)
+    solid = any(lobes.has_any(int(shape.bsdf().flags()), *lobes.THROUGH) for shape in glass)
+    return f"{limit} ends rays within glass: allow more reflections" if solid else ""
 
 
 def _errors(render: Render, ended: str | None) -> list[str]:

@@ -127,7 +127,7 @@ def render(
         reached.noise,
         bound,
         black.reason(loaded, sensor, shown, "Multiplied by 2^{} it is bright")
-        or verdict(image.render, image.final, integrator=None if limits.get("time") else integrator),
+        or verdict(image.render, image.final, integrator=integrator),
     )
 
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from ..transport import lobes
 
 #: Half of the darkest grey value of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
 
 #: Number of camera rays per side of the image.
 SIDE = 64
+
+#: Maximum number of mirrors and glass surfaces that a camera ray passes; an unlimited depth in Mitsuba's integrators.
+PASSED, UNLIMITED = 16, (1 << 32) - 1
 
 #: Advice for an image that is too dark; ``{}`` is the exposure in stops.
 IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the PNG"
@@ -46,8 +52,8 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """Returns why a scene with lights is black, by :data:`SIDE` x :data:`SIDE` camera rays, and a point on a light for
-    each surface point that they meet.
+    """Returns why a scene with lights is black, by :data:`SIDE` x :data:`SIDE` camera rays, which mirrors, glass and
+    masks pass on, and a point on a light for each surface point that they meet.
 
     These points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
     """
@@ -55,21 +61,75 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
-    visible = si.is_valid()
+    visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
     if not dr.any(visible):
         return "nothing is in view. Does the camera look at the scene, and between its clipping planes?"
+    if getattr(integrator, "hide_emitters", False) and dr.all(~visible | (si.emitter(scene) != None)):  # noqa: E711
+        return "only lamps are in view, and hide_emitters of the integrator hides them."
     if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
-        return "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out."
+        return (
+            "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out "
+            "(in Mitsuba, the material twosided is on both sides)."
+        )
     on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
+    on_light -= dr.floor(on_light)
+    si, passed = _after_mirrors(scene, si, ray, on_light)
+    if not dr.any(si.is_valid()):
+        return "the visible surfaces are mirrors, glass or masks with nothing behind or around them."
     # False: without a test for shadows, which follows below.
-    ds, light = scene.sample_emitter_direction(si, on_light - dr.floor(on_light), False, visible)
-    lit = visible & (dr.max(mi.unpolarized_spectrum(light)) > 0)
+    ds, light = scene.sample_emitter_direction(si, on_light, False, si.is_valid())
+    lit = si.is_valid() & (dr.max(mi.unpolarized_spectrum(light)) > 0)
     if not dr.any(lit):
         return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
+    if dr.all(~lit | (passed > deepest)):
+        return f"{limit} ends all rays before they find light: allow more reflections."
     lit &= dr.dot(si.n, ds.d) > 0  # the light arrives at the outer side of the surface
-    if dr.any(lit & ~scene.ray_test(si.spawn_ray_to(ds.p), lit)):
+    shadow_ray = si.spawn_ray_to(ds.p)
+    if dr.any(lit & ~scene.ray_test(shadow_ray, lit)):
         return (
             "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, or mirrors or "
             "glass that show something black?"
         )
+    blocker = scene.ray_intersect(shadow_ray, lit)
+    clear = np.flatnonzero(lobes.has_any(blocker.bsdf().flags(), *lobes.REFRACTED))
+    if clear.size:
+        name = blocker.shape[int(clear[0])].id()
+        such = f", such as {name}" if name and not name.startswith("__") else ""
+        return (
+            f"light reaches the visible surfaces only through glass or a mask{such}, where shadow rays end. Photons "
+            "(caustics) find it, or paths that meet a lamp with an extent."
+        )
     return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
+
+
+def _after_mirrors(
+    scene: mi.Scene, si: mi.SurfaceInteraction3f, ray: mi.Ray3f, u: mi.Point2f
+) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
+    """Returns the first points from ``si`` that scatter light into many directions, after at most :data:`PASSED`
+    mirrors, glass surfaces and masks, and how many these were.
+    """
+    passed = mi.Float(0)
+    for _ in range(PASSED):
+        active = si.is_valid()
+        bs, weight = si.bsdf(ray).sample(mi.BSDFContext(), si, u.x, u, active)
+        active &= lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (dr.max(mi.unpolarized_spectrum(weight)) > 0)
+        if not dr.any(active):
+            break
+        ray = si.spawn_ray(si.to_world(bs.wo))
+        si = dr.select(active, scene.ray_intersect(ray, active), si)
+        passed += dr.select(active, mi.Float(1), 0)
+    return si, passed
+
+
+def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
+    """Returns the parameter of an integrator that limits the depth of rays, in words, and the maximum number of
+    reflections and refractions before a surface whose light from lamps it finds: below 0 for none, or infinity.
+    """
+    text = str(integrator)
+    if depth := re.search(r"max_depth = (\d+)", text):
+        most = int(depth[1])
+        return f"max_depth = {most}", most - 2 if most < UNLIMITED else math.inf
+    level = getattr(getattr(integrator, "nested", integrator), "max_level", math.inf)
+    if text.startswith("DirectIntegrator"):
+        return "the integrator direct", 0
+    return f"max_level = {level}", level if level >= 0 else math.inf

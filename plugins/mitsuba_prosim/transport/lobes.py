@@ -17,8 +17,9 @@ LobePoint: TypeAlias = "tuple[mi.Float, mi.Point2f]"
 
 #: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
 REFLECTED = ("GlossyReflection", "DeltaReflection")
-#: Names of the ``mi.BSDFFlags`` of the specular transmission, glossy or ideal, and of null lobes.
-REFRACTED = ("GlossyTransmission", "DeltaTransmission", "Null")
+#: Names of the ``mi.BSDFFlags`` of the specular transmission, glossy or ideal, alone and with null lobes.
+THROUGH = ("GlossyTransmission", "DeltaTransmission")
+REFRACTED = (*THROUGH, "Null")
 #: Names of the ``mi.BSDFFlags`` of the specular reflection and transmission, and of null lobes.
 SPECULAR = REFLECTED + REFRACTED
 #: Names of the ``mi.BSDFFlags`` of the diffuse reflection and transmission.

@@ -25,7 +25,7 @@ ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
 #: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
-#: 1), or this many times its limit, wherever it is.
+#: 1) and this many times its limit, wherever it is.
 FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
 #: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it.
 FURTHER, ATTEMPTS, SECONDS = 4096, 3, 1.5
@@ -92,10 +92,11 @@ def verdict(
 
 
 def is_doubtful(render: Render, most: float) -> bool:
-    """Tells whether the error of the image is uncertain or far above its limit, or, without limits, above ``most``."""
-    if limits(render):
-        return render.reached.uncertain or bool(render.target.excess(render.state.noise) > MISSED)
-    return not render.noise_bound() <= most
+    """Tells whether the error of the image is uncertain, or above ``most`` and, if there is a limit, far above it."""
+    if not limits(render):
+        return not render.noise_bound() <= most
+    noise = render.state.noise
+    return render.reached.uncertain or not (noise[0] <= most or render.target.excess(noise) <= MISSED)
 
 
 def cause(render: Render, integrator: Any, file: Any = None) -> str:

@@ -17,7 +17,7 @@ WEIGHTS = np.array([*np.eye(3), *(1 - np.eye(3)) / 2, [1 / 3] * 3])
 def meshes_and_error(text):
     """The meshes of a scene, and their largest distance from the curved faces of their leaves, in pixels."""
     meshes, camera, result = solids(text, 0.1), camera_of(document_of(text)), [0.0]
-    for shape, index in re.findall(r"(SPHERE|CYLINDER|CONE) (\d+)", text):
+    for shape, index in re.findall(r"(SPHERE|CYLINDER|CONE|TORUS) (\d+)", text):
         if (mesh := meshes.get(index := int(index))) is None:
             continue
         local, linear = turned(text, index)
@@ -47,6 +47,8 @@ INSIDE = {
     "ball in an elliptic tube": ["SPHERE", "CYLINDER SCALE (1 1.7 3) TRANSLATE (0 0 -1)"],
     "ball in a cone": [f"SPHERE TRANSLATE (0 0 {2**0.5})", "CONE SCALE (3 3 3)"],
     "tube in a tube": ["CYLINDER ROTATE-Z (13) SCALE (.5 .5 1) TRANSLATE (.5 0 .2)", "CYLINDER SCALE (1 1 2)"],
+    "ring in a ball": ["TORUS SCALE (.8 .8 .8)", "SPHERE"],
+    "ring in a tube": ["TORUS SCALE (.8 .8 .8)", TUBE],
     "coating of a tube": [
         "CYLINDER ROTATE-Z (13) TRANSLATE (0 0 .1) SCALE (1 1 .8)",
         "CYLINDER SCALE (1.00001 1.00001 1)",

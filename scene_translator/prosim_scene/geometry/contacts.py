@@ -85,15 +85,15 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns contacts of curved faces: a ball in any of them, or a cylinder in a parallel one. Others are rims, where
-    a gap would look like a wall.
+    """Returns contacts of curved faces: a ball or a torus in a convex one, or a cylinder in a parallel one. Others are
+    rims, where a gap would look like a wall.
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
     found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0)]]
-    for inner, outer, relative, normals in _enclosed(solids, order):
+    for inner, outer, relative, hulls, normals in _enclosed(solids, order):
         primitive = solids[outer[0]].primitive
-        reach, gain, loss = _reach(primitive, relative, normals)
+        reach, gain, loss = _reach(primitive, relative, hulls, normals)
         near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE)
         found.append([column[touches] for column in (first[inner], first[outer], reach, gain, loss)])
@@ -105,8 +105,9 @@ def find_contacts(solids: Sequence[Solid]) -> Contacts:
 def _order(solids: Sequence[Solid]) -> np.ndarray:
     """Returns a rank of each solid: the rank of a solid in which another solid may lie is the higher one."""
     sizes = [np.linalg.svd(s.to_world[:3, : s.primitive.axes], compute_uv=False).prod() for s in solids]
-    # Cylinders and cones come after all balls, because they are in no ball.
-    return np.argsort(np.lexsort((sizes, [s.primitive.axes == 2 for s in solids])))
+    # Cylinders and cones come after all balls, because they are in no ball. Tori come before them.
+    kinds = [(s.primitive.axes == 2) - s.primitive.hull[0] for s in solids]
+    return np.argsort(np.lexsort((sizes, kinds)))
 
 
 def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
@@ -114,47 +115,53 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
     outer solids of an item have the same primitive.
 
     An item has the numbers of the inner and the outer solids (k,), the matrices (k, 3, 4) from the coordinates of the
-    inner primitives to those of the outer primitive, and the normals (k, 3) of tangent planes near the contacts.
+    inner primitives to those of the outer primitive, the ``hull`` (k, 2) of the inner primitives, and the normals (k,
+    3) of tangent planes near the contacts.
     ``order`` (n,) has the ranks of :func:`_order`.
     """
-    # A torus is not convex, so it has no tangent planes.
-    curved = np.flatnonzero([s.primitive.curved is not None and s.primitive.name != "torus" for s in solids])
+    curved = np.flatnonzero([s.primitive.curved is not None for s in solids])
     boxes = world_box_corners([solids[i] for i in curved.tolist()])
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     to_local, is_ball = np.linalg.inv(to_world), np.array([s.primitive.axes == 3 for s in solids], bool)
+    hulls = np.array([s.primitive.hull for s in solids]).reshape(-1, 2)
     is_cylinder = np.array([s.primitive.name == "cylinder" for s in solids], bool)
-    of_primitive = group_equal(solids[i].primitive for i in curved.tolist())
+    convex = curved[hulls[curved, 0] == 0]  # a torus has no tangent planes
+    of_primitive = group_equal(solids[i].primitive for i in convex.tolist())
     for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
         inner, outer = curved[np.concatenate([pairs, pairs[::-1]], axis=1)]
         compared = (order[inner] < order[outer]) & (is_ball[inner] | is_cylinder[inner] & is_cylinder[outer])
         for primitive, numbers in of_primitive.items():
-            chosen = np.flatnonzero(compared & np.isin(outer, curved[numbers]))
+            chosen = np.flatnonzero(compared & np.isin(outer, convex[numbers]))
             i, j = inner[chosen], outer[chosen]
             relative = (to_local[j] @ to_world[i])[:, :3]
             within = is_ball[i] | (np.abs(relative[:, :2, 2]).max(axis=1) < INSIDE)  # parallel cylinders
             i, j, relative = i[within], j[within], relative[within]
-            heights, normals = _highest(primitive, relative)
+            heights, normals = _highest(primitive, relative, hulls[i])
             within = heights <= INSIDE
             if within.any():
-                yield i[within], j[within], relative[within], normals[within]
+                yield i[within], j[within], relative[within], hulls[i[within]], normals[within]
 
 
-def _highest(primitive: Primitive, relative: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _highest(primitive: Primitive, relative: np.ndarray, hulls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the largest heights of k inner solids over tangent planes of the outer curved face, and these planes'
     normals. A solid inside a convex face is on the inner side of all of them.
     """
     quadric = np.diag(primitive.quadrics[primitive.curved])
     normals = primitive.surface_lines[:, 1] * quadric[:3]
     found = [(np.empty(0), np.empty(0, int))]
-    for part in np.array_split(relative, len(relative) * len(normals) // BATCH + 1):
+    count = len(relative) * len(normals) // BATCH + 1
+    for part, hull in zip(np.array_split(relative, count), np.array_split(hulls[..., None], count)):
         products = part.transpose(0, 2, 1) @ normals.T
-        heights = products[:, 3] + np.linalg.norm(products[:, :3], axis=1) + quadric[3]
+        heights = products[:, 3] + hull[:, 1] * np.linalg.norm(products[:, :3], axis=1) + quadric[3]
+        heights += hull[:, 0] * np.linalg.norm(products[:, :2], axis=1)
         found.append((heights.max(axis=1), heights.argmax(axis=1)))
     heights, best = (np.concatenate(column) for column in zip(*found))
     return heights, normals[best]
 
 
-def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, ...]:
+def _reach(
+    primitive: Primitive, relative: np.ndarray, hulls: np.ndarray, normals: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Returns the columns ``reach``, ``gain`` and ``loss`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
 
     The height of the inner solid over a tangent plane is a convex function of the normal, so it never falls if the
@@ -163,11 +170,14 @@ def _reach(primitive: Primitive, relative: np.ndarray, normals: np.ndarray) -> t
     linear, offset, axes, normals = relative[..., :3], relative[..., 3], primitive.axes, normals.copy()
     for _ in range(STEPS):
         across = np.einsum("kij,ki->kj", linear, normals)
+        ring = across * [1, 1, 0] / np.maximum(np.linalg.norm(across[:, :2], axis=1, keepdims=True), 1e-300)
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        across = hulls[:, :1] * ring + hulls[:, 1:] * across
         points = offset + np.einsum("kij,kj->ki", linear, across)  # the highest points of the inner solids
         radius = np.linalg.norm(points[:, :axes], axis=1)
         normals[:, :axes] = points[:, :axes] / np.maximum(radius, 1e-300)[:, None]
     middle = np.linalg.norm(offset[:, :axes], axis=1)
+    linear = linear * hulls.sum(axis=1)[:, None, None]
     if primitive.name != "cone":
         return radius, np.linalg.norm(linear[:, :axes], 2, (1, 2)), radius - middle
     width = np.maximum(points[:, 2], 1e-300)  # the radius of the cone at the height of the contact

@@ -167,7 +167,7 @@ def choose_segments(
         counts = np.where(surface >= 0, largest[surface], counts)
         chosen = [replace(s, segments=count) for s, count in zip(solids, counts.tolist())]
         for i in np.flatnonzero((surface < 0) & (zones[:, 3] < math.inf)):
-            if chosen[i].primitive.axes == 3:
+            if chosen[i].primitive.name == "sphere":
                 segments, facet_map = refined_cap(chosen[i], zones[i], camera, tolerance * shares[i])
                 chosen[i] = replace(chosen[i], segments=segments, facet_map=facet_map)
         uses = Counter((s.primitive, s.segments) for s in chosen)

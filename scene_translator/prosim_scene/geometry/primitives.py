@@ -70,8 +70,10 @@ class Primitive(ABC):
     placement: np.ndarray = np.eye(4)
     #: The number of the curved face; None if all faces are flat.
     curved: ClassVar[int | None] = None
-    #: The number of axes in which the curved face is round: 2 for a solid of revolution about z, 3 for a sphere.
+    #: The number of axes along which the curved face is scaled: 2 for the side of a cylinder or a cone, otherwise 3.
     axes: ClassVar[int] = 2
+    #: The convex hull of the curved face is the sum of a disc across z and of a ball with these radii.
+    hull: tuple[float, float] = (0, 1)
     #: Lines (k, 2, 3) on the curved face. The distance of each point of this face from the nearest line is at most
     #: ``gap`` times the longest semi-axis of the face.
     surface_lines: np.ndarray
@@ -345,10 +347,11 @@ class Torus(Primitive):
 
     name = "torus"
     curved = 0
+    axes = 3
     segment_factor = math.sqrt(2)  # the chord errors around z and around the tube are added
 
     def __init__(self, radius: float = 0.25) -> None:
-        self.radius = radius
+        self.radius, self.hull = radius, (1, radius)
         # Not its surface, but a quadric with the same symmetries, which no torus with another decimal radius has.
         self.quadrics = np.diag([1, 1, -math.exp(radius), -1])[None]
         self.box = np.array([1 + radius, 1 + radius, radius]) * [[-1], [1]]

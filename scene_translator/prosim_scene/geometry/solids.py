@@ -74,7 +74,7 @@ def unit_mesh(primitive: Primitive, segments: int) -> Mesh:
 @lru_cache(maxsize=1024)
 def inradius(primitive: Primitive, segments: int) -> float:
     """Returns the inradius of the mesh of a primitive's curved face, of radius 1, in the primitive's coordinates."""
-    if primitive.axes == 2:
+    if primitive.name != "sphere":
         return math.cos(primitive.segment_factor * math.pi / segments)
     mesh = unit_mesh(primitive, segments)
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))

@@ -4,14 +4,13 @@
 # refuses OBJ whose uv are not as many as its points, and ends the process if a file is damaged.
 
 import re
-from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, compress
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..language.analysis import garbage_collection_paused
 from ..text_files import BYTE_ORDER_MARKS, decode
-from .grouping import group_equal
 
 #: NumPy's name of a type -> the names of this type in PLY files.
 NAMES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ushort uint16", "i4": "int int32"}
@@ -24,6 +23,7 @@ UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.
 STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
 POINT_ONLY = [True, False, False]  # of the three numbers of a corner
+LEFT_OUT = 1 << 62  # stands for a number that is left out of a corner in an OBJ file, as in 1//3
 CONTRADICTION = "its content does not agree with its header"
 #: The names of the properties of a PLY element, and their types. A list has two types: of its length and of its items.
 Properties = list[tuple[str, list[str]]]
@@ -44,6 +44,7 @@ class MeshData(NamedTuple):
     normals: np.ndarray = np.empty((0, 3))
 
 
+@garbage_collection_paused()
 def parse(data: bytes) -> MeshData:
     """Parses the content of a mesh file; its first bytes determine its format. Raises MeshError, or another
     ValueError, OverflowError, LookupError or TypeError, if the content is wrong.
@@ -101,13 +102,22 @@ def _ply_mesh(vertex: dict[str, Any], face: dict[str, Any]) -> MeshData:
         np.stack([vertex[name] for name in names], axis=-1).astype(float) if set(names) <= set(vertex) else np.empty(0)
         for names in ("xyz", uv_names, ("nx", "ny", "nz"))
     )
-    index = np.where([True, uv.size > 0, normals.size > 0], _fans(corners)[..., None], -1)
+    numbers, counts = _flat(corners)
+    with np.errstate(invalid="ignore"):  # NaN becomes an invalid index, which is an error later
+        numbers = numbers.astype(int)
+    index = np.where([True, uv.size > 0, normals.size > 0], _fans(numbers, counts)[..., None], -1)
     if "texcoord" in face:  # uv of each corner of a face, where the others have those of a vertex
-        ends = np.cumsum([0, *map(len, corners)]).tolist()
-        uv, index[..., 1] = np.concatenate(face["texcoord"]), _fans([range(*pair) for pair in pairwise(ends)])
-        if len(uv) != 2 * ends[-1]:
+        uv, index[..., 1] = _flat(face["texcoord"])[0], _fans(np.arange(len(numbers)), counts)
+        if len(uv) != 2 * len(numbers):
             raise MeshError("its texcoord lists do not have two numbers for each corner of a face")
     return MeshData(points, index, uv.astype(float).reshape(-1, 2), normals.reshape(-1, 3))
+
+
+def _flat(rows: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the items of all rows in one array, and the length of each row."""
+    if isinstance(rows, np.ndarray):
+        return rows.ravel(), np.full(len(rows), rows.shape[-1])
+    return np.concatenate(rows or [[]]), np.array([*map(len, rows)], int)
 
 
 def _rows(body: bytes, position: int, count: int, properties: Properties) -> tuple[dict[str, Any], int]:
@@ -140,33 +150,31 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 
 def _obj(text: str) -> MeshData:
-    tables: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
-    polygons: list[list[list[int]]] = []
-    for line in text.replace("\\\n", " ").split("\n"):
-        word, *values = line.partition("#")[0].split() or [""]
-        if word in tables:
-            tables[word].append([float(number) for number in values[: 2 if word == "vt" else 3]])
-            # After x y z there may be a weight w, or a colour r g b, or both.
-            if word == "v" and len(values) not in (3, 4, 6, 7):
-                raise MeshError(f"a vertex has {len(values)} numbers; expected x y z")
-            if word == "v" and len(values) in (4, 7) and float(values[3]) != 1:
-                raise MeshError(f"a vertex has the weight {values[3]} after x y z; only 1 is supported")
-        elif word == "f":
-            corners = [[*corner.split("/"), "", ""][:3] for corner in values]
-            polygons.append([[_number(n, len(tables[of])) for n, of in zip(c, tables)] for c in corners])
-    index = _fans(polygons)
-    points, uv, normals = (np.array(rows or np.empty((0, n)), float) for rows, n in zip(tables.values(), (3, 2, 3)))
-    return MeshData(points, index, uv, normals)
-
-
-def _number(text: str, count: int) -> int:
-    """Converts an index in an OBJ file to an index from 0, or to -1 if the text is empty."""
-    if not text:
-        return -1
-    number = int(text)
-    if number == 0 or number < -count:
+    text = re.sub("#[^\n]*", "", text.replace("\\\n", " "))
+    rows = [row for line in text.split("\n") if (row := line.split())]
+    points, uv, normals, polygons = ([row[1:] for row in rows if row[0] == word] for word in ("v", "vt", "vn", "f"))
+    for row in points:
+        # After x y z there may be a weight w, or a colour r g b, or both.
+        if len(row) not in (3, 4, 6, 7):
+            raise MeshError(f"a vertex has {len(row)} numbers; expected x y z")
+        if len(row) in (4, 7) and float(row[3]) != 1:
+            raise MeshError(f"a vertex has the weight {row[3]} after x y z; only 1 is supported")
+    corners, counts = [*chain.from_iterable(polygons)], np.array([*map(len, polygons)], int)
+    numbers = np.full((len(corners), 3), LEFT_OUT)
+    slashes = np.array([corner.count("/") for corner in corners])
+    for count in np.unique(slashes).tolist():
+        fields = "/".join(compress(corners, slashes == count)).split("/")
+        numbers[slashes == count, : count + 1] = np.array([n or LEFT_OUT for n in fields], int).reshape(-1, count + 1)
+    if (numbers < 0).any():  # numbers that are relative to the rows before the face
+        words = np.array([row[0] for row in rows])
+        before = (words[:, None] == ["v", "vt", "vn"]).cumsum(axis=0)[words == "f"].repeat(counts, axis=0)
+        numbers = np.where((numbers < 0) & (numbers >= -before), before + numbers + 1, numbers)
+    for number in numbers[numbers <= 0][:1]:
         raise MeshError(f"a face has a corner {number}, which does not exist")
-    return number - 1 if number > 0 else count + number
+    index = _fans(np.where(numbers == LEFT_OUT, 0, numbers) - 1, counts)
+    widths = zip((points, uv, normals), (3, 2, 3))
+    tables = [np.array([row[:n] for row in table] or np.empty((0, n)), float) for table, n in widths]
+    return MeshData(tables[0], index, *tables[1:])
 
 
 def _stl(text: str) -> MeshData:
@@ -185,26 +193,25 @@ def _separate(corners: np.ndarray) -> MeshData:
 
 def _off(text: str) -> MeshData:
     rows = [row for line in text.split("\n") if (row := line.partition("#")[0].split())]
-    counts = rows.pop(0)[1:] or rows.pop(0)
-    n = int(counts[0])
-    faces = [(int(row[0]), row[1:]) for row in rows[n:]]
-    if n < 0 or len(faces) != int(counts[1]) or any(count > len(corners) for count, corners in faces):
+    point_count, face_count = map(int, (rows.pop(0)[1:] or rows.pop(0))[:2])
+    points, faces = np.array(rows[:point_count], float)[:, :3], rows[point_count:]
+    counts = np.array([row[0] for row in faces], int)
+    if point_count < 0 or len(faces) != face_count or any(not 0 <= n < len(row) for n, row in zip(counts, faces)):
         raise MeshError(CONTRADICTION)
-    points, polygons = np.array(rows[:n], float)[:, :3], [corners[:count] for count, corners in faces]
-    return MeshData(points, np.where(POINT_ONLY, _fans(polygons)[..., None], -1))
+    index = np.array([number for n, row in zip(counts, faces) for number in row[1 : n + 1]], int)
+    return MeshData(points, np.where(POINT_ONLY, _fans(index, counts)[..., None], -1))
 
 
-def _fans(polygons: Sequence[Any]) -> np.ndarray:
-    """Divides convex polygons, each a sequence of corners, into m triangles (m, 3, ...); polygons with fewer than 3
-    corners are left out. Raises MeshError if there are no triangles.
+def _fans(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Divides convex polygons into m triangles (m, 3, ...); ``corners`` (n, ...) has the corners of all polygons, and
+    ``counts`` how many each polygon has. Polygons with fewer than 3 corners are left out. Raises MeshError if there are
+    no triangles.
     """
-    result = []
-    for count, numbers in group_equal(map(len, polygons)).items():
-        with np.errstate(invalid="ignore"):  # NaN becomes an invalid index, which is an error later
-            corners = np.array([polygons[i] for i in numbers]).astype(np.int64)
-        if count > 2:
-            fan = np.stack([np.repeat(corners[:, :1], count - 2, axis=1), corners[:, 1:-1], corners[:, 2:]], axis=2)
-            result.append(fan.reshape(-1, *fan.shape[2:]))
+    result, first = [], np.cumsum(counts) - counts
+    for count in dict.fromkeys(counts[counts > 2].tolist()):
+        polygons = corners[first[counts == count, None] + np.arange(count)]
+        fan = np.stack([np.repeat(polygons[:, :1], count - 2, axis=1), polygons[:, 1:-1], polygons[:, 2:]], axis=2)
+        result.append(fan.reshape(-1, *fan.shape[2:]))
     if not result:
         raise MeshError("it has no faces")
     return np.concatenate(result)

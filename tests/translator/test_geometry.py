@@ -5,14 +5,16 @@ Faces that coincide but for rounding: no film of no thickness, no face of the wr
 
 import math
 import warnings
+from types import SimpleNamespace
 
 import mitsuba as mi
 import numpy as np
 import prosim_scene
 import pytest
+from manifold3d import Manifold, Mesh64
 from meshes import area, assert_closed, curved_face, is_side, scene, solids, turned, volume
 from prosim_scene import SceneError, SceneWarning
-from prosim_scene.geometry import detail, surfaces
+from prosim_scene.geometry import csg, detail, surfaces
 from prosim_scene.geometry.leaves import leaves_of
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
@@ -158,6 +160,17 @@ def test_solids_that_take_long_cause_one_warning(monkeypatch, recwarn):
         warning.message
     )
     assert warning.message.line == 2
+
+
+@pytest.mark.parametrize("module, name", [(csg, "Manifold"), (surfaces, "manifold")])
+def test_solids_that_manifold3d_refuses_are_an_error_at_their_line(monkeypatch, module, name):
+    open_mesh = Manifold(Mesh64(np.eye(3), np.array([[0, 1, 2]], np.uint64)))
+    fake = SimpleNamespace(batch_boolean=lambda *_: open_mesh) if name == "Manifold" else lambda *_: open_mesh
+    monkeypatch.setattr(module, name, fake)
+    words = r"the solids at SPHERE 0 \(line 3\) cannot be combined: manifold3d reports NotManifold; move this solid"
+    with pytest.raises(SceneError, match=words) as error:
+        solids(scene("- SPHERE 0 SPHERE 1", ["", "TRANSLATE (1 0 0)"]))
+    assert error.value.line == 3
 
 
 def test_more_triangles_than_memory_holds_are_coarser_or_an_error(monkeypatch):

@@ -71,7 +71,7 @@ class OriginalIds:
 
     def boundary(self, body: Body) -> Boundary:
         """Returns the boundary between a body and air, with facets moved exactly onto planes that solids share."""
-        mesh = checked(body.planes.snap(checked(body.manifold()))).to_mesh64()
+        mesh = checked(body.planes.snap(body.manifold()), body.leaf).to_mesh64()
         ids = per_triangle(mesh, np.asarray(mesh.run_original_id, dtype=np.int64))
         medium, leaf = np.divmod(ids - self.base, self.leaves)
         return Boundary.from_columns(
@@ -102,7 +102,7 @@ def boundaries(bodies: dict[int, Body], ids: OriginalIds, fresnel: bool) -> list
     layers: list[tuple[int, Body]] = []  # each medium, and the union of this medium and all media with lower numbers
     interfaces: dict[int, list[Boundary]] = {medium: [] for medium in bodies}
     for medium, body in sorted(bodies.items()):
-        if checked(body.manifold()).is_empty():
+        if body.manifold().is_empty():
             continue
         neighbours = [other for other, _ in layers if other != OPAQUE or fresnel]
         if total and neighbours:

@@ -78,14 +78,15 @@ class Body:
 
     ``manifold()`` returns the mesh of the body. ``boxes`` (n, 2, 3) are the boxes of its n leaves. ``surfaces`` are the
     numbers of the shared surfaces on which faces of the body may lie. ``planes`` are all planes of the scene on which
-    facets of several bodies may lie. The attribute ``solid`` of a leaf is the same object for equal leaves; ``solid``
-    is None for the result of an operation.
+    facets of several bodies may lie. ``leaf`` is the number of the first leaf. The attribute ``solid`` of a leaf is the
+    same object for equal leaves; ``solid`` is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
     boxes: np.ndarray
     surfaces: frozenset[int]
     planes: Planes
+    leaf: int
     solid: Solid | None = None
 
     @cached_property
@@ -94,11 +95,15 @@ class Body:
         return np.stack([self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)])
 
 
-def checked(manifold: Manifold) -> Manifold:
-    """Makes manifold3d compute the mesh, and returns it. Raises ArithmeticError if manifold3d reports an error."""
+class OperationError(Exception):
+    """manifold3d reports an error; the arguments are the name of the error, and the number of a leaf of the mesh."""
+
+
+def checked(manifold: Manifold, leaf: int) -> Manifold:
+    """Makes manifold3d compute the mesh, of which ``leaf`` is a leaf, and returns it. Raises OperationError."""
     status = manifold.status()
     if status != Error.NoError:
-        raise ArithmeticError(f"manifold3d: {status}")
+        raise OperationError(status.name, leaf)
     return manifold
 
 
@@ -129,7 +134,6 @@ def evaluate(tree: Tree, groups: Sequence[int], body: Callable[[int], Body | Non
     return {group: chain.value() for group, chain in sorted(fold(tree, leaf, combine).items())}
 
 
-MAX_RUNS = 8  # the largest number of runs of a chain that are evaluated one after the other
 #: An operand of a chain: its sign + or -, and the body.
 Operand = tuple[str, Body]
 
@@ -169,26 +173,11 @@ def evaluate_chain(operands: Sequence[Operand]) -> Body | None:
     boxes = np.array([body.box for body in subtracted])
     passed = np.cumsum([sign == "-" for sign, _ in operands])  # the number of subtracted bodies before each added body
     cuts = [(body, n + touching(boxes[n:], body.box)) for (sign, body), n in zip(operands, passed) if sign == "+"]
-    divisible = _divisible(operands)
-    if divisible and sum(len(cutters) for _, cutters in cuts) <= len(operands):
+    if sum(len(cutters) for _, cutters in cuts) <= len(operands) and _divisible(operands):
         return union(difference(body, [subtracted[i] for i in cutters]) for body, cutters in cuts)
-    runs = [(sign, [body for _, body in run]) for sign, run in groupby(operands, itemgetter(0))]
-    return _evaluate_runs(runs, MAX_RUNS if divisible else len(runs))
-
-
-def _evaluate_runs(runs: Sequence[tuple[str, list[Body]]], most: int) -> Body | None:
-    """Returns the body that results if the bodies of each run, which have the same sign, are added to nothing and
-    subtracted one run after the other.
-
-    More than ``most`` runs are divided into halves, because the result of each half has few triangles.
-    """
-    if len(runs) > most:
-        later = runs[len(runs) // 2 :]
-        first = _evaluate_runs(runs[: len(runs) // 2], most)
-        subtracted = [body for sign, bodies in later if sign == "-" for body in bodies]
-        return union([first and difference(first, subtracted), _evaluate_runs(later, most)])
     result: Body | None = None
-    for sign, bodies in runs:
+    for sign, run in groupby(operands, itemgetter(0)):
+        bodies = [body for _, body in run]
         if sign == "+":
             result = union([result, union(bodies)])
         elif result:
@@ -268,9 +257,10 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
         first, second = solids
         solids = planes.separate(first, second, -1 if operation in (OpType.Subtract, OpType.Intersect) else 1)
     # Without the check, manifold3d would join this operation and the next one, and change the order of their operands.
-    result = checked(Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract))
-    boxes = np.concatenate([body.boxes for body in boxed])
-    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes)
+    leaf, boxes = boxed[0].leaf, np.concatenate([body.boxes for body in boxed])
+    result = Manifold.batch_boolean(solids if operation else solids[::-1], operation or OpType.Subtract)
+    checked(result, leaf)
+    return Body(lambda: result, boxes, frozenset().union(*(body.surfaces for body in bodies)), planes, leaf)
 
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:

@@ -213,9 +213,9 @@ def _boundary(
             if time.process_time() > end:
                 warn_of_time()
             own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
-            return csg.refined(own, small_neighbours[i])
+            return csg.refined(csg.checked(own, number), small_neighbours[i])
 
-        return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, table.solids[i])
+        return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, number, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):
@@ -241,7 +241,7 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
         run_original_id=np.array([original_id], np.uint32),
         face_id=(first + mesh.facets).astype(np.uint64),
     )
-    return csg.checked(Manifold(mesh64))
+    return Manifold(mesh64)
 
 
 #: A rotation by angles that no scene has.
@@ -271,7 +271,13 @@ def _surface_mesh(
 ) -> SurfaceMesh:
     """Evaluates the CSG tree; returns the triangles of the result, sorted by kind, with their normals and uv."""
     meshes = tessellation_of(table)
-    vertices, triangles = _boundary(document, table, tree, meshes, media_of, fresnel, cutters)
+    try:
+        vertices, triangles = _boundary(document, table, tree, meshes, media_of, fresnel, cutters)
+    except csg.OperationError as error:
+        status, leaf = error.args
+        reason = f"the solids at {document.names_of([leaf])} cannot be combined: manifold3d reports {status}; "
+        number, _ = document.scene.leaves[leaf]
+        raise document.error(f"{reason}move this solid, or one that touches it, a little", "csg", number) from None
     faces, count = meshes.faces, max(media_of) + 2  # the number of media, including air
     del meshes  # frees memory
     # The code of a kind is made of the leaf and of the two media; 1 is added to the media, because AIR is -1.

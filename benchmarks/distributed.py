@@ -27,7 +27,8 @@ import psutil
 from measure import interval, shown
 
 SCENE = """<scene version="3.0.0">
-    <integrator type="prosim_adaptive"><integrator type="path"/><integer name="band" value="2000"/></integrator>
+    <integrator type="prosim_adaptive"><integrator type="path"/><integer name="band" value="2000"/>
+        <float name="threshold" value="0.002"/></integrator>
     <sensor type="perspective"><float name="fov" value="60"/>
         <transform name="to_world"><lookat origin="0,1,4" target="0,0.5,0" up="0,1,0"/></transform>
         <film type="hdrfilm"><integer name="width" value="{size}"/><integer name="height" value="{size}"/>
@@ -42,9 +43,9 @@ SCENE = """<scene version="3.0.0">
 #: Policy -> the options of a render that takes some seconds.
 POLICIES = {
     "none": ["--adaptive", "none", "--samples", "40"],
-    "thesis": ["--adaptive", "thesis", "--samples", "40", "--threshold", "0.002"],
-    "neighbours": ["--adaptive", "neighbours", "--samples", "40", "--threshold", "0.002"],
-    "graded": ["--adaptive", "graded", "--samples", "20", "--threshold", "0.002"],
+    "thesis": ["--adaptive", "thesis", "--samples", "40"],
+    "neighbours": ["--adaptive", "neighbours", "--samples", "40"],
+    "graded": ["--adaptive", "graded", "--samples", "20"],
     "noise": ["--noise", "0.002"],
 }
 

@@ -32,7 +32,6 @@ from tqdm import tqdm
         ("--spp 4 --samples 2", "give one of them"),
         ("-s 7", "out of bounds! The scene has sensors 0 to 0."),
         ("--exposure nan", "finite"),
-        ("--threshold 0.1", "prosim and prosim_adaptive have --threshold; this scene's is path"),
         ("--caustics", "prosim has --caustics; this scene's is path, which --paths"),
         ("--layers lights --caustics", "--layers lights: the photons of --caustics"),
         ("--layers terms --paths", "--layers terms: the rays of --paths"),
@@ -41,15 +40,13 @@ from tqdm import tqdm
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--noise-99 0.1 -m scalar_rgb", "--noise-99: scalar_rgb"),
-        ("--noise 1 --threshold 1", "--threshold has no effect with --adaptive graded and a limit of noise"),
-        ("--adaptive none --threshold 1", "--threshold has no effect with --adaptive none;"),
         ("-D a\udcff=1", "a?: Mitsuba reads only names and values in UTF-8"),
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
         ("--snapshots x", "X,X"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
-        ("--samples 2 --threshold 1 -m scalar_rgb", "--threshold, --samples: scalar_rgb"),
+        ("--samples 2 -m scalar_rgb", "--samples: scalar_rgb"),
         ("--snapshots 1s -m scalar_rgb", "--snapshots: scalar_rgb"),
         ("--checkpoint -m scalar_rgb", "--checkpoint: scalar_rgb"),
         ("--part 1/2 --time 2", "need the whole image"),
@@ -61,7 +58,6 @@ from tqdm import tqdm
         ("--workers 2", "needs prosim or prosim_adaptive"),
         ("--cluster localhost", "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
         ("--fps 3", "--fps is for films"),
-        ("--overwrite", "--overwrite is for films"),
         ("--frames 3:3", "B must be greater than A"),
         *[(f"--frames={frames}", "not of the form A:B[:STEP]") for frames in ("-1:3", "9:0:-1", "a:b", "0:3:1:1")],
         ("--frames 0:3 -D frame=3", "-D frame=... and --frames both define $frame"),
@@ -87,7 +83,7 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
 @pytest.mark.parametrize("suffix", [".scn", ".xml"])
 def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
-    others = {"max_level": 2, "threshold": 0.5, "samples": 2}
+    others = {"max_level": 2, "samples": 2}
     for asked, expected in [
         ({"paths": True}, {"diffuse_bounces": -1, "max_level": -1}),
         ({"paths": True} | others, {"diffuse_bounces": -1} | others),

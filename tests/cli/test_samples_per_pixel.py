@@ -105,7 +105,7 @@ def test_continued_render_keeps_its_samples_until_another_target_is_set(scene, c
     assert "of 0.001" in done("resume", state, "--noise", 0.001).stdout
 
 
-OTHERS = ["noise 0.1", "time 1", "samples 2", "max-samples 9", "adaptive graded", "threshold 1", "snapshots 2s"]
+OTHERS = ["noise 0.1", "time 1", "samples 2", "max-samples 9", "adaptive graded", "snapshots 2s"]
 
 
 @pytest.mark.parametrize("option", [f"--{other}" for other in OTHERS])

@@ -127,17 +127,6 @@ def test_cone_and_spot(variant, angle):
         assert np.allclose(np.array(weight) * np.array(ds.pdf), np.array(radiance), rtol=1e-4)
 
 
-def test_point_source_with_virtual_radius(variant_rgb):
-    """I = pi r² L: as bright as a distant sphere of that radius."""
-    p = [1.5, -97.0, 1.0]
-    given = {"type": "prosim_point", "position": CENTRE, "radiance": rgb(20, 15, 10), "radius": RADIUS}
-    weights = []
-    for source in (given, sphere(surface())):
-        _scene, emitter = emitter_of(source)
-        weights.append(first(emitter.sample_direction(receiver(p), mi.Point2f(0.5))[1]))
-    assert np.allclose(*weights, rtol=1e-3)
-
-
 # Sampling
 
 

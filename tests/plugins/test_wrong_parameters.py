@@ -32,13 +32,9 @@ BEAMS = [
 NAMED = [
     *((f"prosim_{source}", *wrong) for source in ("area", "point") for wrong in BEAMS),
     *(("prosim_area", "radiance", {"radiance": v}) for v in (-1.0, math.nan, math.inf, rgb(1, -0.2, 0.3), SPECTRUM)),
-    ("prosim_point", "radius", {"radiance": 1.0}),
-    ("prosim_point", "radiance", {"radiance": 1.0, "intensity": 1.0, "radius": 1.0}),
-    ("prosim_point", "radiance", {"radiance": 1.0, "unattenuated": True, "radius": 1.0}),
     ("prosim_point", "intensity", {"intensity": {"type": "checkerboard"}}),
     ("prosim_point", "position", {"position": [0, math.nan, 0]}),
     ("prosim_point", "intensity", {"intensity": -1.0}),
-    ("prosim_point", "radiance", {"radius": 0.1, "radiance": -1.0}),
     *(("prosim_brick", name, {name: value}) for name, value in BRICK.items()),
     *(("prosim_stripes", name, {name: value}) for name, value in STRIPES.items()),
     *(("prosim_fractal", name, {name: value}) for name, value in FRACTAL.items()),

@@ -28,7 +28,7 @@ DIGEST = "prosim.digest"
 class Animation:
     """Renders the frames of an animation one after another, with the options of one job.
 
-    A frame is not rendered again if its files exist with the current :func:`digest`, unless the job has ``overwrite``.
+    A frame is not rendered again if its files exist with the current :func:`digest`.
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
@@ -85,11 +85,11 @@ class Animation:
             file = job.read_scene(resources.folder, cache=self.cache)
             facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}
             task = RenderTask(job, file, self.path(number), facts=facts)
-            if not job.overwrite and is_rendered(task):
+            if is_rendered(task):
                 self.skipped += 1
                 return
             task.check()
-            if job.checkpoint and not job.overwrite:
+            if job.checkpoint:
                 task.begin = task.unfinished()
         outcome = render_image(task, bar, resources)
         if outcome.interruption:

@@ -23,10 +23,10 @@ from . import option_types as types
 from .option_types import InputError, Integer, Number
 
 #: Fields of a Job that become parameters of the integrator.
-INTEGRATOR = ("samples", "caustics", "max_level", "layers", "threshold", "max_samples", "adaptive", *TARGETS)
+INTEGRATOR = ("samples", "caustics", "max_level", "layers", "max_samples", "adaptive", *TARGETS)
 
 #: Fields of a Job for animations.
-ANIMATION = ("frames", "fps", "overwrite")
+ANIMATION = ("frames", "fps")
 #: Fields of a Job that do not change the image.
 RUNNING = ("output", "checkpoint", "snapshots", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
 
@@ -95,7 +95,6 @@ class Job:
 
     frames: range | None = _film(types.FRAMES, "Render an animation: frames A, A+STEP, ... below B, or only A.")
     fps: float | None = _film(POSITIVE, "Frames per second; $time is $frame divided by this.", show_default="24")
-    overwrite: bool = _film(None, "Render existing frames again.")
 
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
     workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
@@ -114,7 +113,6 @@ class Job:
     samples: int | None = _advanced(
         Integer(1, 2**12), "N of the thesis's N-rook sampling: N samples a pass, at most N*N per pixel."
     )
-    threshold: float | None = _advanced(Number(0), "Standard error of a pixel that needs no more samples (white = 1).")
     noise_99: float | None = _advanced(POSITIVE, "Also require 99 % of the pixels to be within this error.")
     max_samples: int | None = _advanced(
         Integer(1, 2**20), "Maximum number of samples per pixel.", show_default=WITH_TARGET + "unlimited"
@@ -249,9 +247,9 @@ CONFLICTS = (
     ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
     (
         "spp",
-        " ".join((*TARGETS, "snapshots", "max_samples", "adaptive", "threshold")),
-        "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --snapshots, --adaptive, "
-        "--threshold and --max-samples, which sets a maximum.",
+        " ".join((*TARGETS, "snapshots", "max_samples", "adaptive")),
+        "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --snapshots, --adaptive "
+        "and --max-samples, which sets a maximum.",
     ),
     ("workers", "cluster", "--workers starts local workers, and --cluster names a running cluster; give one of them."),
     ("part", "workers cluster", "--part is for machines without a connection; leave out --part with a cluster."),
@@ -290,8 +288,8 @@ def make_job(options: dict[str, Any]) -> Job:
     for option, others, message in CONFLICTS:
         if option in given and (given - uniform) & set(others.split()):
             raise click.UsageError(message)
-    if "frames" not in given and (film_options := given & {"fps", "overwrite"}):
-        raise click.UsageError(f"--{min(film_options)} is for films; add --frames.")
+    if "fps" in given and "frames" not in given:
+        raise click.UsageError("--fps is for films; add --frames.")
     if given & {*TARGETS, "snapshots"} and not POLICIES[options.get("adaptive") or "graded"].unbounded:
         raise click.UsageError(
             f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise, --time and "
@@ -305,7 +303,7 @@ def make_job(options: dict[str, Any]) -> Job:
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])
         progressive = [*TARGETS, "snapshots", "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster"]
-        progressive += ["threshold", "samples"] if options["scene"].lower().endswith(".xml") else ["threshold"]
+        progressive += ["samples"] if options["scene"].lower().endswith(".xml") else []
         refuse_scalar(option_names(name for name in progressive if name in given), options["variant"])
     return Job(**options)
 

@@ -82,14 +82,6 @@ class RenderTask:
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar(", ".join(name for name in TARGETS if getattr(integrator, name, 0)), job.variant)
-        if job.threshold is not None:
-            has_target = integrator.sampling.has_target
-            if integrator.adaptive == "none" or (integrator.adaptive == "graded" and has_target):
-                limit = " and a limit of noise or time" if has_target else ""
-                raise ValueError(
-                    f"--threshold has no effect with --adaptive {integrator.adaptive}{limit}; leave it out, or give "
-                    "--adaptive neighbours."
-                )
         if job.denoise:
             check_denoising(film, integrator)
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed

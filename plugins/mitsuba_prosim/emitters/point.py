@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..compat import box_of_point
 from ..light.source import Source
-from ..parameters import expose, number, reject
+from ..parameters import expose, reject
 from ..registry import plugin
 
 
@@ -61,20 +61,11 @@ class Point(Source):
        - Whether ``intensity`` is the irradiance on a surface that faces the source at *any* distance, as in renderers
          of 1992. (Default: false)
 
-     * - radius
-       - |float|
-       - Virtual radius r of the source. (Default: 0)
-
-     * - radiance
-       - |spectrum|
-       - Instead of ``intensity``: radiance L of a sphere of the virtual radius; the intensity is :math:`\pi r^2 L`.
-       - |exposed|, |differentiable|
-
     The point sources of section 5.2 of the thesis. With only an intensity, this is Mitsuba's
-    :ref:`point <emitter-point>`. The virtual radius matters only to ``radiance``. The derivatives with respect to
-    ``direction`` and ``angle`` are those inside the beam: Mitsuba's integrators do not differentiate the discontinuity
-    at the edge of the beam. An unattenuated source does not conserve energy and has no power: particle tracing
-    (:monosp:`ptracer`) raises an error.
+    :ref:`point <emitter-point>`. A small sphere of radius r and radiance L has the intensity :math:`\pi r^2 L`. The
+    derivatives with respect to ``direction`` and ``angle`` are those inside the beam: Mitsuba's integrators do not
+    differentiate the discontinuity at the edge of the beam. An unattenuated source does not conserve energy and has no
+    power: particle tracing (:monosp:`ptracer`) raises an error.
 
     .. tabs::
         .. code-tab:: xml
@@ -103,24 +94,13 @@ class Point(Source):
     """
 
     def __init__(self, props: mi.Properties) -> None:
-        """Reads the parameters. The attribute ``scale`` is the factor from the emitted spectrum to the intensity on the
-        axis: 1, or the area pi r² of a disk with the virtual radius r if the spectrum is a radiance. Raises ValueError
-        for wrong values and combinations.
-        """
-        super().__init__(props, "radiance" if "radiance" in props else "intensity", '"position" and "direction"')
+        super().__init__(props, "intensity", '"position" and "direction"')
         position = props.get("position", mi.ScalarPoint3f(0))
         if not all(map(math.isfinite, position)):
             raise reject(props, "position", list(position), "finite coordinates")
         self.position = mi.Point3f(position)
-        self.radius, self.scale = number(props, "radius", 0.0, 0), 1.0
-        if self.quantity == "radiance":
-            if "intensity" in props or self.unattenuated:
-                raise reject(props, "radiance", "given", '"intensity" or "radiance", and "intensity" if unattenuated')
-            if self.radius == 0:
-                raise reject(props, "radius", self.radius, 'a number > 0 with "radiance"')
-            self.scale = dr.pi * self.radius**2
         if self.emission.is_spatially_varying():
-            raise reject(props, self.quantity, "a texture", "a colour, a spectrum or a number")
+            raise reject(props, "intensity", "a texture", "a colour, a spectrum or a number")
         dr.make_opaque(self.position)
         self.m_flags = mi.EmitterFlags.DeltaPosition
         self.m_needs_sample_2 = False
@@ -161,7 +141,7 @@ class Point(Source):
         """
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wavelengths = it.wavelengths
-        value = self.emission.eval(si, active) * (self.relative_intensity(-ds.d) * self.scale)
+        value = self.emission.eval(si, active) * self.relative_intensity(-ds.d)
         if not self.unattenuated:
             value /= dr.maximum(dr.squared_norm(ds.p - it.p), 1e-30)
         return mi.depolarizer(value)
@@ -179,8 +159,7 @@ class Point(Source):
     def sample_wavelengths(
         self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.Spectrum]:
-        wavelengths, weight = self.sample_spectrum(si, sample, active)
-        return wavelengths, weight * self.scale
+        return self.sample_spectrum(si, sample, active)
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.Spectrum(0)
@@ -189,4 +168,4 @@ class Point(Source):
         return box_of_point(mi.ScalarPoint3f(*(dr.slice(self.position[i], 0) for i in range(3))))
 
     def parameters(self) -> dict[str, Any]:
-        return {"position": self.position, **super().parameters(), "radius": self.radius or None}
+        return {"position": self.position, **super().parameters()}

@@ -298,6 +298,17 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
+@pytest.mark.parametrize("nested", ["path", "prosim", "prosim_adaptive", "aov"])
+def test_target_goes_to_the_integrator_that_prosim_denoised_nests(scene, variant_rgb, nested):
+    inner = "" if nested in ("path", "prosim") else '<integrator type="path"/>'
+    aovs = '<string name="aovs" value="d:depth"/>' * (nested == "aov")
+    text = f'<integrator type="prosim_denoised"><integrator type="{nested}">{inner}{aovs}</integrator></integrator>'
+    scene.write_text(scene_text(text, LIT_FLOOR))
+    for options in ({"noise": 0.05}, {"noise": 0.05, "diffuse_bounces": -1}):
+        made = scene_file.SceneFile(scene, scene.parent, integrator=options).load().integrator()
+        assert "denoised.R" in made.aov_names() and made.nested.noise == 0.05
+
+
 def test_resolution_of_a_film_with_a_crop_window_needs_a_crop(scene):
     window = "".join(f'<integer name="crop_{name}" value="2"/>' for name in ("offset_x", "offset_y", "width", "height"))
     scene.write_text(XML.replace("</film>", f"{window}</film>"))

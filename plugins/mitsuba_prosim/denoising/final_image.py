@@ -148,7 +148,7 @@ class FinalImage:
 
     def bitmap(self) -> mi.Bitmap:
         """Returns a bitmap with all :meth:`channels`."""
-        return of_channels(self.channels(self.denoiser.names[: self.denoised().final.shape[2]]))
+        return of_channels(self.channels(self.denoiser.names[: 1 if self.denoiser.names[0] == "Y" else 3]))
 
     def update_film(self, names: Sequence[str]) -> None:
         """Writes the colours, alpha and the :meth:`channels` with these ``names`` to the film of the sensor. Raises

@@ -27,8 +27,9 @@ TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
 #: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
 #: 1) and this many times its limit, wherever it is.
 FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
-#: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it.
-FURTHER, ATTEMPTS, SECONDS = 4096, 3, 1.5
+#: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it; and
+#: number of pixels that need no time to be sorted by their errors.
+FURTHER, ATTEMPTS, SECONDS, SMALL = 4096, 3, 1.5, 1 << 18
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 
@@ -106,7 +107,11 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
     Further samples of the pixel tell the light, unless they vary much less than those of the image. A time limit of a
     render may leave no time for them.
     """
-    error, colours = np.float64(render.error()), np.array(render.image())
+    limit, error = render.target.seconds, np.float64(render.error())
+    late = limit and render.target.elapsed + SECONDS > 1.05 * limit
+    if late and error.size > SMALL:
+        return ""
+    colours = np.array(render.image())
     light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
     squares = np.square(in_display_units(error, np.minimum(light, mean_around(light, 2))))
     if not squares.sum() > 0:  # NaN, if a pixel has one sample
@@ -122,8 +127,7 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
         told = f"The pixel {such} has half of the error"
     if has_media(render) and "Vol" in nested_name(render):
         return f"{told}, and media scatter light"
-    limit = render.target.seconds
-    if limit and render.target.elapsed + SECONDS > 1.05 * limit:
+    if late:
         return told * few
     why: str | None = None
     for x, y in places:

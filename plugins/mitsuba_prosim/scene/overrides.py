@@ -60,8 +60,10 @@ def apply(
     integrators, replaced = _integrators(state), None
     named = ", ".join(node.props.plugin_name() for node in integrators) or "none"
     ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
+    if integrators and integrators[0].props.plugin_name() == "prosim_denoised":
+        integrators = integrators[1:]  # the nested one, which takes the samples
     if others and not ours and integrators and "diffuse_bounces" in others:
-        node = integrators[integrators[0].props.plugin_name() == "prosim_denoised"]  # the nested one
+        node = integrators[0]
         before, node.props = mi.Properties(node.props), mi.Properties("prosim")
         kept = (*SAMPLING, "aovs", "channels", "hide_emitters")
         _set(node.props, [(name, before[name]) for name in kept if name in before])
@@ -93,7 +95,7 @@ def apply(
         )
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
-    outer, inner = _integrators(state)[0], state.nodes[-1]
+    outer, inner = next(node for node in _integrators(state) if node.props.plugin_name() == plugin), state.nodes[-1]
     outer.props, inner.file_index, inner.offset = wrapper, outer.file_index, outer.offset
     return f"{plugin} within prosim_adaptive"
 

@@ -25,7 +25,7 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
-            f"{integrator.class_name()}. Give the parameter noise (--noise 0.01, in Python "
+            f"{str(integrator).partition('[')[0]}. Give the parameter noise (--noise 0.01, in Python "
             'integrator={"noise": 0.01}), or adaptive (--adaptive none --samples 8), for example: prosim_adaptive then '
             "wraps it."
         )

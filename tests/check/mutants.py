@@ -147,16 +147,43 @@ def nested(plugin):
     return mi.load_dict(found)
 
 
-def wrapper(base, plugin, change, methods):
+#: Kind -> the name of the base class, the methods that a mutant may change, each with the arguments that the change
+#: gets, the methods that it only passes on, and the mutants.
+KINDS = {
+    "bsdf": (
+        "BSDF",
+        {"sample": (1, 0), "eval": (1, 2, 0), "pdf": (1, 2, 0), "eval_diffuse_reflectance": ()},
+        "",
+        BSDFS,
+    ),
+    "emitter": (
+        "Emitter",
+        {"sample_ray": (), "sample_direction": (0,), "pdf_direction": (0, 1), "eval_direction": (0, 1), "eval": (0,)},
+        "sample_position pdf_position sample_wavelengths bbox set_scene is_environment",
+        EMITTERS,
+    ),
+    "texture": (
+        "Texture",
+        {"eval": (0,), "eval_1": (0,), "eval_3": (0,)},
+        "mean max is_spatially_varying resolution eval_1_grad sample_position pdf_position",
+        TEXTURES,
+    ),
+    "phase": ("PhaseFunction", {}, "sample eval_pdf projected_area max_projected_area", PHASES),
+}
+
+
+def wrapper(kind, plugin, change):
     """A class whose methods are those of ``plugin``, with the results of some of them changed."""
+    name, methods, others, _ = KINDS[kind]
+    base = getattr(mi, name)
 
     class Mutant(base):
         def __init__(self, props):
             super().__init__(props)
             self.plugin = nested(plugin)
-            if base in (mi.BSDF, mi.Emitter, mi.PhaseFunction):
+            if kind != "texture":
                 self.m_flags = change.get("flags", self.plugin.flags())
-            if base is mi.BSDF:
+            if kind == "bsdf":
                 count = self.plugin.component_count()
                 self.m_components = [change.get("flags", self.plugin.flags(i)) for i in range(count)]
 
@@ -166,7 +193,7 @@ def wrapper(base, plugin, change, methods):
         def parameters_changed(self, keys=()):
             self.plugin.parameters_changed(keys)
 
-    for name, seen in methods.items():
+    for name, seen in (methods | dict.fromkeys(others.split(), ())).items():
 
         def method(self, *args, name=name, seen=seen):
             found = getattr(self.plugin, name)(*args)
@@ -174,61 +201,22 @@ def wrapper(base, plugin, change, methods):
             return change[name](*results, *(args[i] for i in seen)) if name in change else found
 
         setattr(Mutant, name, method)
+    if kind == "bsdf":
+        Mutant.eval_pdf = lambda self, *args: (self.eval(*args), self.pdf(*args))
     return Mutant
 
 
-def bsdf(plugin, change):
-    cls = wrapper(
-        mi.BSDF, plugin, change, {"sample": (1, 0), "eval": (1, 2, 0), "pdf": (1, 2, 0), "eval_diffuse_reflectance": ()}
-    )
-    cls.eval_pdf = lambda self, *args: (self.eval(*args), self.pdf(*args))
-    return cls
-
-
-def emitter(plugin, change):
-    methods = {
-        "sample_ray": (),
-        "sample_direction": (0,),
-        "pdf_direction": (0, 1),
-        "eval_direction": (0, 1),
-        "eval": (0,),
-    }
-    others = ("sample_position", "pdf_position", "sample_wavelengths", "bbox", "set_scene", "is_environment")
-    return wrapper(mi.Emitter, plugin, change, methods | dict.fromkeys(others, ()))
-
-
-def texture(plugin, change):
-    methods = dict.fromkeys(("eval", "eval_1", "eval_3"), (0,))
-    others = ("mean", "max", "is_spatially_varying", "resolution", "eval_1_grad", "sample_position", "pdf_position")
-    return wrapper(mi.Texture, plugin, change, methods | dict.fromkeys(others, ()))
-
-
-def phase(plugin, change):
-    return wrapper(
-        mi.PhaseFunction,
-        plugin,
-        change,
-        dict.fromkeys(("sample", "eval_pdf", "projected_area", "max_projected_area"), ()),
-    )
-
-
-KINDS = {
-    "bsdf": (bsdf, BSDFS),
-    "emitter": (emitter, EMITTERS),
-    "texture": (texture, TEXTURES),
-    "phase": (phase, PHASES),
-}
-NAMES = [(kind, name) for kind, (_, table) in KINDS.items() for name in table]
+NAMES = [(kind, name) for kind, (*_, table) in KINDS.items() for name in table]
 
 
 def register():
     """Registers each mutant, and each wrapper without a change, in the active variant."""
-    for kind, (make, table) in KINDS.items():
+    for kind, (*_, table) in KINDS.items():
         for name, (plugin, change) in table.items():
             for variant in {mi.variant(), "scalar_rgb"}:
                 add = getattr(getattr(mi, variant), f"register_{kind}")
-                add(f"mutant_{kind}_{name}", make(plugin, change))
-                add(f"right_{kind}_{name}", make(plugin, {}))
+                add(f"mutant_{kind}_{name}", wrapper(kind, plugin, change))
+                add(f"right_{kind}_{name}", wrapper(kind, plugin, {}))
 
 
 if mi.variant():

@@ -12,15 +12,16 @@ from mitsuba_prosim import check
 from mitsuba_prosim.check.kinds import images
 from mitsuba_prosim.check.subject import import_module
 from prosim_start.group import prosim
+from scenes import slow
 
 QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("texture", "mean"), ("phase", "weight")]
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
     "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified gaussian hdrfilm homogeneous "
-    "prosim_lambertian prosim_composite prosim_area prosim_point prosim srgb"
+    "prosim_lambertian prosim_composite prosim_area prosim_point prosim_product prosim nrook owen srgb"
 )
 #: The same without a change; not that of sunsky, which has a fault of Mitsuba's.
-RIGHT = {str(table[name][0]): (kind, name) for kind, (_, table) in mutants.KINDS.items() for name in table}
+RIGHT = {str(table[name][0]): (kind, name) for kind, (*_, table) in mutants.KINDS.items() for name in table}
 del RIGHT["sunsky"]
 LITERAL, SPOT = {"normalized": False}, {"distribution": "spot", "exponent": 6.0, "angle": 60.0}
 GROOVES = {"multiple_scattering": True}
@@ -101,23 +102,32 @@ def parallel(ray, weight):
     return ray, weight
 
 
-@pytest.mark.parametrize(
-    "kind, plugin, method, fault",
-    [
-        ("Shape", "cylinder", "surface_area", lambda area, *_: area() * 1.1),
-        ("Shape", "cylinder", "pdf_position", lambda pdf, ps: pdf(ps) * 1.1),
-        ("Shape", "cylinder", "pdf_direction", lambda pdf, *at: pdf(*at) * 1.1),
-        ("Shape", "cylinder", "sample_position", lambda sample, time, u: sample(time, mi.Point2f(u.x * u.x, u.y))),
-        ("Shape", "cylinder", "sample_position", lambda sample, *u: tilted(sample(*u))),
-        ("Shape", "cylinder", "sample_position", lambda sample, *u: lifted(sample(*u))),
-        ("Sensor", "perspective", "sample_ray", lambda _, *u: mi.load_dict({"type": "perspective"}).sample_ray(*u)),
-        ("Sensor", "perspective", "sample_ray_differential", lambda sample, *u: parallel(*sample(*u))),
-        ("Film", "hdrfilm", "develop", lambda develop, **raw: mi.TensorXf(develop(**raw).numpy()[::-1])),
-    ],
-)
-def test_check_finds_fault_of_method(monkeypatch, kind, plugin, method, fault):
+def upside_down(develop, **raw):
+    return mi.TensorXf(develop(**raw).numpy()[::-1])
+
+
+SMALL, CAMERA = {"type": "hdrfilm", "width": 40, "height": 30}, {"type": "perspective"}
+#: Class of plugins, plugin, method, and what is wrong with its results.
+FAULTS = [
+    ("Shape", "cylinder", "surface_area", lambda area, *_: area() * 1.1),
+    ("Sensor", CAMERA, "sample_ray_differential", lambda sample, *u: parallel(*sample(*u))),
+    ("Film", SMALL, "develop", upside_down),
+]
+MORE_FAULTS = [
+    ("Shape", "cylinder", "pdf_position", lambda pdf, ps: pdf(ps) * 1.1),
+    ("Shape", "cylinder", "pdf_direction", lambda pdf, *at: pdf(*at) * 1.1),
+    ("Shape", "cylinder", "sample_position", lambda sample, time, u: sample(time, mi.Point2f(u.x * u.x, u.y))),
+    ("Shape", "cylinder", "sample_position", lambda sample, *u: tilted(sample(*u))),
+    ("Shape", "cylinder", "sample_position", lambda sample, *u: lifted(sample(*u))),
+    ("Sensor", CAMERA, "sample_ray", lambda _, *u: mi.load_dict(CAMERA).sample_ray(*u)),
+]
+
+
+@pytest.mark.parametrize("fault", [*FAULTS, *slow(*MORE_FAULTS)])
+def test_check_finds_fault_of_method(monkeypatch, fault):
+    kind, plugin, method, change = fault
     right = getattr(getattr(mi, kind), method)
-    monkeypatch.setattr(f"mitsuba.{kind}.{method}", lambda one, *u, **raw: fault(partial(right, one), *u, **raw))
+    monkeypatch.setattr(f"mitsuba.{kind}.{method}", lambda one, *u, **raw: change(partial(right, one), *u, **raw))
     assert not check.check(plugin).ok
 
 
@@ -152,6 +162,7 @@ def test_module_of_one_variant_is_not_tested_in_others(tmp_path):
     report.raise_if_wrong()
 
 
+@pytest.mark.slow
 def test_known_fault_of_nested_bsdf_is_a_note():
     report = check.bsdf({"type": "twosided", "nested": {"type": "principled", "metallic": 0.5}})
     assert "note" in {result.verdict for result in report.results}

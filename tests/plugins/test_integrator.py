@@ -42,20 +42,15 @@ def render(scene, seed=0, spp=0, **window):
 # ------------------------------------------------------------------ the right image
 
 
-@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
-def test_diffuse_scene_equals_direct(variant_rgb, rfilter):
-    direct = renderings(penumbra(rfilter=rfilter, type="direct"), 16, spp=36)
+def test_diffuse_scene_equals_direct(variant_rgb):
+    direct = renderings(penumbra(type="direct"), 16, spp=36)
     for adaptive in ("none", "neighbours"):
-        ours = renderings(penumbra(rfilter=rfilter, type="prosim", adaptive=adaptive), 16, spp=36)
+        ours = renderings(penumbra(type="prosim", adaptive=adaptive), 16, spp=36)
         assert same_expectation(direct, ours)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "ball",
-    [{**COPPER, "alpha": 0.004}, {"type": "dielectric"}, ROUGH_GLASS],
-    ids=["nearly smooth", "glass", "rough glass"],
-)
+@pytest.mark.parametrize("ball", [{**COPPER, "alpha": 0.004}, {"type": "dielectric"}], ids=["nearly smooth", "glass"])
 def test_one_specular_object_equals_path(variant_rgb, ball):
     """No highlight is lost or counted twice, whatever the roughness; a tree of depth 8 for glass."""
     path = renderings(alone(ball, type="path", max_depth=10, rr_depth=100), 12, spp=144)
@@ -82,21 +77,6 @@ def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
     path = renderings(scene, 16, spp=64, type="path", max_depth=8)
     ours = renderings(scene, 16, spp=64, type="prosim", adaptive="none", max_level=6, diffuse_bounces=bounces)
     assert same_expectation(path, ours)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("unrolled", [0, 4])
-def test_sky_on_diffuse_and_rough_surfaces_equals_path(variant_rgb, monkeypatch, unrolled):
-    """The sky is sampled by projected solid angle; with and without the loop over sources."""
-    monkeypatch.setattr("mitsuba_prosim.light.table.Lights.UNROLLED", unrolled)
-    lamp = sphere_lamp([3, 3, 2], 0.3, rgb(9, 6, 3))  # a second one: only then there may be a loop
-    sky = {"sky": {"type": "constant", "radiance": rgb(0.3, 0.4, 0.5)}, "lamp": lamp}
-    path = renderings({**penumbra(type="path", max_depth=2), **sky}, 12, spp=100)
-    ours = renderings({**penumbra(type="prosim", adaptive="none"), **sky}, 12, spp=25)
-    assert same_expectation(path, ours)
-    copper = alone(COPPER) | {"lamp": lamp}
-    path = renderings(copper, 12, spp=100, type="path", max_depth=10, rr_depth=100)
-    assert same_expectation(path, renderings(copper, 12, spp=25, type="prosim", adaptive="none", max_level=8))
 
 
 def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):
@@ -161,13 +141,7 @@ def test_one_channel_has_the_values_that_it_has_with_others(variant_rgb):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "spp, adaptive, rfilter",
-    [
-        (4, "none", "box"),
-        (0, "neighbours", "gaussian"),
-        (0, "thesis", "box"),
-        (0, "variance", "box"),
-        (0, "graded", "gaussian"),
-    ],
+    [(4, "none", "box"), (0, "neighbours", "gaussian"), (0, "variance", "box"), (0, "graded", "gaussian")],
 )
 def test_bands_crops_and_threads_do_not_change_a_bit(variant_rgb, spp, adaptive, rfilter, monkeypatch):
     def image(band=1 << 18, **window):
@@ -254,19 +228,17 @@ def samples_of(render):
         return np.concatenate([np.float64(values[0]) for values, _ in Derivatives(render.state).samples()])
 
 
-@pytest.mark.parametrize("spp", [131072, 1 << 20])
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-def test_million_equal_samples_have_their_mean(variant_rgb, spp, rfilter):
+def test_million_equal_samples_have_their_mean(variant_rgb, rfilter):
     """The rounding errors of sums of 32 bits add up to one percent of a mean of 0.1."""
-    image = np.array(environment_render(np.full((4, 8, 3), 0.1), spp, rfilter).image())
+    image = np.array(environment_render(np.full((4, 8, 3), 0.1), 1 << 20, rfilter, size=1).image())
     assert np.allclose(image, 0.1, rtol=1e-6, atol=0)
 
 
-@pytest.mark.parametrize("spp", [131072, 1 << 20])
-def test_million_noisy_samples_have_their_mean(variant_rgb, spp):
-    render = environment_render(np.random.default_rng(1).uniform(0, 1, (32, 64, 3)), spp, size=1)
+def test_noisy_samples_have_their_mean(variant_rgb):
+    render = environment_render(np.random.default_rng(1).uniform(0, 1, (32, 64, 3)), 1 << 17, size=1)
     samples = samples_of(render)
-    assert samples.std() > 0.1 and len(samples) == spp
+    assert samples.std() > 0.1 and len(samples) == 1 << 17
     assert np.allclose(np.array(render.image())[..., 0], samples.mean(), rtol=1e-6, atol=0)
 
 
@@ -409,26 +381,6 @@ def test_uneven_counts_do_not_bias_the_filter(variant_rgb):
     even = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="none"), 40)
     uneven = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="neighbours"), 40, first_seed=1000)
     assert same_expectation(even, uneven)
-
-
-@pytest.mark.slow
-def test_error_channel_is_the_error(variant_rgb):
-    """Between passes the standard error is estimated without bias: over 60 images it is the spread of the pixels."""
-    images = renderings(penumbra(type="prosim", adaptive="none", jitter="uniform", aovs="error"), 60)
-    luminance = images[..., :3] @ [0.2126, 0.7152, 0.0722]
-    noisy = luminance.std(0) > 0.003
-    ratio = np.sqrt((images[..., 3] ** 2).mean(0)[noisy] / luminance.var(0, ddof=1)[noisy])
-    # Passes of one pixel are not independent: together they fill all cells, so the truth is a little better.
-    assert noisy.sum() > 20 and 1 < np.median(ratio) < 3
-
-
-def test_channels_of_the_first_surface_are_those_of_mitsuba(variant_rgb):
-    scene = penumbra(type="prosim", aovs="samples, depth:depth, n:sh_normal")
-    image = render(scene)
-    reference = np.array(mi.render(mi.load_dict(penumbra(type="aov", aovs="depth:depth,n:sh_normal")), spp=256))
-    assert image.shape[2] == 3 + 1 + 3 + 1
-    assert np.allclose(image[-4:, :8, 3:7], reference[-4:, :8, -4:], rtol=0.02, atol=1e-6)
-    assert image[..., -1].min() == 5
 
 
 # ------------------------------------------------------------------ variants and ways to render

@@ -35,7 +35,7 @@ def test_the_expectation_is_that_of_path(variant_rgb, rfilter):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nested", ["direct", "prb", "volpath", "prb_basic", {"type": "prosim", "max_level": 2}])
+@pytest.mark.parametrize("nested", ["prb", {"type": "prosim", "max_level": 2}])
 def test_the_expectation_is_that_of_any_integrator(variant_rgb, nested):
     assert compare(penumbra(COPPER), nested)
 
@@ -45,16 +45,6 @@ def test_the_expectation_is_that_of_volpath_with_the_camera_in_a_medium(variant_
     scene, fog = penumbra(COPPER), {"type": "homogeneous", "albedo": 0.7, "sigma_t": 0.25}
     scene["sensor"]["medium"] = scene["floor"]["exterior"] = scene["wall"]["exterior"] = fog
     assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=25, count=8)
-
-
-@pytest.mark.slow
-def test_the_expectation_is_that_of_path_through_a_thin_lens_and_in_a_crop(variant_rgb):
-    scene = penumbra(COPPER, rfilter="gaussian")
-    scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 5.0}
-    whole = renderings({**scene, "integrator": {"type": "path"}}, 16, spp=64)
-    scene["sensor"]["film"] |= {"crop_offset_x": 4, "crop_offset_y": 8, "crop_width": 24, "crop_height": 16}
-    crop = renderings({**scene, "integrator": adaptive("path")}, 16, first_seed=1000)
-    assert same_expectation(whole[:, 8:24, 4:28], crop)
 
 
 @pytest.mark.slow
@@ -118,10 +108,9 @@ def test_bands_and_crops_do_not_change_a_bit(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("threads", [1, 3])
-def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb, threads):
+def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb):
     whole = image(settings={"noise": 0.01})
-    assert np.array_equal(whole, in_threads(threads, image, settings={"noise": 0.01}, band=100))
+    assert np.array_equal(whole, in_threads(3, image, settings={"noise": 0.01}, band=100))
 
 
 # ------------------------------------------------------------------ derivatives
@@ -166,13 +155,17 @@ def test_polarised_light_is_refused():
             mi.load_dict(integrator)
 
 
-@pytest.mark.parametrize("pixel_format", ["rgb", "rgba", "luminance"])
-@pytest.mark.parametrize("inner", [(), ("path",), ("path", "direct")])
-@pytest.mark.parametrize("own", [{}, {"aovs": "samples"}])
+@pytest.mark.parametrize(
+    "pixel_format, inner, own",
+    [
+        ("rgb", (), {}),
+        ("rgba", ("path",), {"aovs": "samples"}),
+        ("rgb", ("path", "direct"), {"aovs": "samples"}),
+        ("luminance", ("path",), {"aovs": "samples"}),
+    ],
+)
 def test_image_around_aov_has_the_channels_of_aov(variant_rgb, pixel_format, inner, own):
     """In their order: the means over the image are about equal. Then the own AOVs follow."""
-    if pixel_format == "luminance" and len(inner) > 1:
-        pytest.skip("the film has no luminance of the second integrator")
     aov = {"type": "aov", "aovs": "n:sh_normal,d:depth", **{f"{name}_image": {"type": name} for name in inner}}
     scene = penumbra(size=16)
     scene["sensor"]["film"]["pixel_format"] = pixel_format

@@ -39,11 +39,10 @@ def test_noise_of_two_seeds_is_unrelated_wherever_one_is_moved(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rfilter", [{"type": "gaussian", "stddev": 0.1}, {"type": "tent", "radius": 0.4}])
-def test_filters_within_a_pixel_are_those_of_mitsuba(variant_rgb, rfilter):
+def test_filter_within_a_pixel_is_that_of_mitsuba(variant_rgb):
     scene, ours = penumbra(), {"type": "prosim", "adaptive": "none"}
     box = renderings(scene, 1, spp=25, **ours)
-    scene["sensor"]["film"]["rfilter"] = rfilter
+    scene["sensor"]["film"]["rfilter"] = {"type": "gaussian", "stddev": 0.1}
     reference, images = renderings(scene, 20, spp=64, type="direct"), renderings(scene, 20, spp=25, **ours)
     assert same_expectation(images, reference) and not np.array_equal(box[0], images[0])
 

@@ -3,7 +3,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.procedural.patterns import gradient_noise, square_wave
-from scenes import derivative, rgb
+from scenes import rgb
 
 #: name -> names of the colours at pattern value 0 and 1.
 BRICK, STRIPES, FRACTAL = "prosim_brick", "prosim_stripes", "prosim_fractal"
@@ -183,41 +183,6 @@ def test_noise(variant_rgb):
         left, right = gradient_noise(below, mi.UInt32(1)), gradient_noise(above, mi.UInt32(1))
         middle = gradient_noise([dr.floor(x[0]), *x[1:]], mi.UInt32(1))
         assert dr.max(dr.abs(left + right - 2 * middle))[0] < 1e-3  # a jump of the slope by 1 would leave 1e-3 * 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "plugin, name",
-    (
-        *((BRICK, name) for name in ("brick_width", "brick_height", "mortar_width", "smoothing")),
-        *((STRIPES, name) for name in ("frequency", "duty", "axis", "smoothing")),
-        *((FRACTAL, name) for name in ("scale", "gain", "lacunarity", "smoothing")),
-    ),
-)
-def test_derivatives_by_numbers_match_finite_differences(variant_rgb, plugin, name):
-    """Of a weighted mean over a region, against central differences; with edges soft enough to have a derivative, but
-    joints not filled, for the step from one row of bricks to the next has none.
-    """
-    smoothing = 0.008 if plugin == "prosim_brick" else 0.05
-    pattern = texture(plugin, smoothing=smoothing, solid=True, **FEW_OCTAVES.get(plugin, {}))
-    params = mi.traverse(pattern)
-    p = points(1_000_000, 3, high=0.2, low=0)
-    weight = mi.Float(25 * p[0] * p[1])
-    start = type(params[name])(params[name])
-    step = 1e-4
-
-    def values(shift):
-        params[name] = start + mi.Vector3f(0, shift, 0) if name == "axis" else start + shift
-        params.update()
-        dr.make_opaque(params[name])
-        return weight * dr.square(pattern.eval_1(at(p[:2], p)))
-
-    def mean(shift):
-        return dr.mean(values(shift))
-
-    low, high = (np.array(values(shift), dtype=np.float64).mean() for shift in (-step, step))
-    found = derivative(mean)
-    assert abs(found) > 1e-3 and found == pytest.approx((high - low) / (2 * step), rel=0.05)
 
 
 def test_a_product_multiplies_two_textures(variant):

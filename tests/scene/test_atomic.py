@@ -99,8 +99,9 @@ WRITE = "atomic.write({Path(os.environ['TMPDIR'], 'a'): wait})"
 LOAD = "scene = prosim_scene.load(EXAMPLE); wait(Path(scene['surface_0']['filename']))"
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, None])
-@pytest.mark.parametrize("work", [SCRATCH, WRITE, LOAD])
+@pytest.mark.parametrize(
+    "work, number", [(SCRATCH, signal.SIGKILL), (WRITE, signal.SIGTERM), (WRITE, None), (LOAD, signal.SIGTERM)]
+)
 def test_temporary_folder_is_deleted_when_the_process_ends(tmp_path, work, number):
     code = f"""if True:
         import os, sys

@@ -22,12 +22,6 @@ ROUGH = (
 GROOVES = [{**bsdf, "multiple_scattering": True} for bsdf in ROUGH[:9]]
 #: Phong's model without its normalisation.
 LITERAL = [PHONG | {"exponent": n, "normalized": False} for n in (0.0, 100.0)]
-SMOOTH = [
-    {"type": "prosim_conductor", **COPPER},
-    {"type": "prosim_dielectric"},
-    {"type": "prosim_composite", "diffuse_reflectance": 0.4},
-    {"type": "prosim_phong"},
-]
 SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
 
 
@@ -136,7 +130,7 @@ def test_paint_keeps_the_sum_of_textures(variant_rgb):
         np.testing.assert_allclose(*values, rtol=1e-5)
 
 
-@each([*ROUGH, *GROOVES])
+@each(ROUGH)
 def test_weight_of_a_sample_is_value_over_density(variant_rgb, bsdf):
     bsdf, si, context = mi.load_dict(bsdf), curves.interaction(directions(50000, 3, True)), mi.BSDFContext()
     bs, weight = bsdf.sample(context, si, *uniform(50000, 4))

@@ -95,7 +95,7 @@ def test_checkpoint_with_a_flipped_bit_in_the_header_of_an_array_is_refused(vari
         checkpoint.load(path)
 
 
-@pytest.mark.parametrize("compression", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize("compression", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
 def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(variant_rgb, tmp_path, compression):
     path = tmp_path / "a.state.npz"
     checkpoint.save(made(), path)

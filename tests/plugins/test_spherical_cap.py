@@ -83,7 +83,7 @@ def test_the_density_is_that_of_the_samples(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("s", (0.3, 0.9, 0.9999))
+@pytest.mark.parametrize("s", (0.3, 0.9999))
 @pytest.mark.parametrize("height", (-0.8, -0.3, 0.0, 0.02, 0.3, 0.8, 1.0))
 def test_directions_have_their_density(variant_rgb, s, height):
     """Chi² over the sphere of directions."""
@@ -98,7 +98,7 @@ def test_directions_have_their_density(variant_rgb, s, height):
         return dr.select(seen, pdf_projected_cap(*cap(c, s, dr.width(d)), d.y, d.z), 0)
 
     test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, 2, sample_count=200_000, res=51, ires=64)
-    assert test.run(SIGNIFICANCE, test_count=21, quiet=True), test.messages
+    assert test.run(SIGNIFICANCE, test_count=14, quiet=True), test.messages
 
 
 def test_tiny_caps_fill_their_ellipse(variant_rgb):

@@ -97,7 +97,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     rng, count, maps, size = np.random.default_rng(3), 1600, 100, 1024
     normals = np.array([(0, 1, 0), (1, 0, 0), (0, 0, 1), (1, 2, 3)], dtype=float)
     normal = np.repeat(normals / np.linalg.norm(normals, axis=1, keepdims=True), size // 4, axis=0)
-    pixel = {RADII[0]: 0.05, RADII[-1]: 0.005}.get(times, 0.2)
+    pixel = 0.05 if times else 0.2
     p, d, flux = (rng.normal(size=(count, 3)) * scale for scale in (0.25, 1, 1))
     flux = np.abs(flux)
     points, number = rng.normal(size=(size, 3)) * 0.2, rng.integers(maps, size=size)

@@ -35,7 +35,7 @@ CASES = {
 }
 
 
-QUICK = "tree", "paths", "masks", "caustics", "lamps"
+QUICK = "paths", "masks", "caustics"
 
 
 def scene_of(name, rfilter="box", **more):
@@ -98,7 +98,8 @@ def test_contributions_sum_in_a_crop_window(variant_rgb):
     assert here.values == there.values and here.nodes == there.nodes
 
 
-@pytest.mark.parametrize("kind", ["radiancemeter", *slow("distant")])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["radiancemeter", "distant"])
 def test_contributions_sum_for_a_meter_whose_rays_are_one(variant_rgb, kind):
     made = penumbra(GLASS, 1, type="prosim", adaptive="none")
     meter = {"type": kind, "to_world": made["sensor"]["to_world"], "film": made["sensor"]["film"]}
@@ -175,6 +176,7 @@ def with_lamps(count):
     return mi.load_dict(made | {f"lamp_{k}": lamp for k, lamp in enumerate(lamps)})
 
 
+@pytest.mark.slow
 def test_kernels_do_not_depend_on_the_number_of_lamps(variant_rgb):
     """Nor does the page grow with it: it sums up the dimmest lamps."""
     launches = []
@@ -191,6 +193,7 @@ def test_kernels_do_not_depend_on_the_number_of_lamps(variant_rgb):
     assert kept + shown["others"] == pytest.approx(np.sum([lamp.contribution for lamp in node.lamps], axis=0))
 
 
+@pytest.mark.slow
 def test_tables_grow_for_many_rays(variant_rgb, monkeypatch):
     scene = scene_of("tree")
     expected = mitsuba_prosim.explain(scene, (9, 8), spp=SPP)
@@ -234,7 +237,6 @@ def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
         ("path", "", "The integrator PathIntegrator keeps no record"),
         ("volpath", "", "except light that media scatter"),
         ("prosim_adaptive", "path", "paths of prosim"),
-        ("prosim_denoised", "path", "paths of prosim"),
         ("prosim_denoised", "prosim", "The image is denoised; these are the samples before."),
         ("prosim_adaptive", "prosim", "other random numbers"),
     ],
@@ -328,7 +330,7 @@ ALONE = {
 }
 
 
-@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.parametrize("name", ["pixel", "lamp", *slow("lobe", "lens", "roulette", "photons")])
 def test_dimension_that_carries_the_noise_alone_has_a_share_of_1(variant_rgb, name):
     """Of 8192 pairs, the standard error of the share is at most 0.04; the bounds are four of them away."""
     make, pixel = ALONE[name]

@@ -26,6 +26,7 @@ from scenes import (
     penumbra,
     rectangle,
     rgb,
+    slow,
     sphere_lamp,
     without,
 )
@@ -182,7 +183,7 @@ def test_second_render_compiles_no_kernel(variant_rgb):
     assert used(4, band=200) <= used(5, band=300)  # bands but the last wait for each other: by a kernel of their own
 
 
-@pytest.mark.parametrize("sensor", ["perspective", "thinlens", "prosim_window"])
+@pytest.mark.parametrize("sensor", ["perspective", *slow("thinlens", "prosim_window")])
 def test_resolutions_share_their_kernels(variant_rgb, sensor):
     scene = penumbra(type="prosim")
     scene["sensor"] |= {"type": sensor} | ({"aperture_radius": 0.1} if sensor == "thinlens" else {})

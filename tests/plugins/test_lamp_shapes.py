@@ -50,9 +50,7 @@ def textured(case, folder, value=3.0):
     return shape, radiance
 
 
-@pytest.mark.parametrize(
-    "case, plugin", [("tiled", "area"), ("attribute", "prosim_area"), ("none", "area"), ("tiled", "prosim_area")]
-)
+@pytest.mark.parametrize("case, plugin", [("tiled", "area"), ("attribute", "prosim_area"), ("none", "area")])
 def test_textured_lamp_keeps_its_light(variant_rgb, tmp_path, case, plugin):
     shape, radiance = textured(case, tmp_path)
     scene = lit(shape | {"emitter": {"type": plugin, "radiance": radiance}})

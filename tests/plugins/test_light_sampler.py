@@ -62,7 +62,7 @@ def points(count):
     return si, n, i % 2 == 0
 
 
-@pytest.mark.parametrize("unrolled, transmits", [(0, True), (100, False)])
+@pytest.mark.parametrize("unrolled, transmits", [(0, True), pytest.param(100, False, marks=pytest.mark.slow)])
 def test_probabilities_sum_to_one_and_are_those_of_the_choice(variant_rgb, monkeypatch, unrolled, transmits):
     monkeypatch.setattr(LightSampler, "UNROLLED", unrolled)
     scene = mi.load_dict(lit(5))

@@ -11,7 +11,7 @@ from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.scene.background import with_background_emitter
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
-from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, sphere_lamp, without
+from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": 0.5, "roughness": 0.4}
@@ -78,7 +78,7 @@ def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
         assert np.allclose(np.array(mi.render(mi.load_dict(scene), spp=4)), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("sensor", ["perspective", "thinlens", "orthographic", "prosim_window"])
+@pytest.mark.parametrize("sensor", ["perspective", "prosim_window", *slow("thinlens", "orthographic")])
 @pytest.mark.parametrize("hidden", [False, True])
 def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
     """A wall at 5 is not seen with the far plane at 3, but at 7; nor behind a hidden lamp."""

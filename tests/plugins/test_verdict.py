@@ -80,7 +80,7 @@ def faults():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_verdict_names_the_cause_of_a_planted_fault():
-    """Of at least 20 of 22; it never names a thing without a fault."""
+    """Of at least 21 of 23; it never names a thing without a fault."""
     mi.set_variant("llvm_ad_rgb")
     verdicts = [
         (says, mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict) for made, says in faults()

@@ -7,7 +7,6 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 
 import ctypes
 import os
-import platform
 from pathlib import Path
 
 #: Where Dr.Jit keeps the tests' kernels; see :func:`compile_quickly`.
@@ -18,7 +17,6 @@ import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import pytest
 from mitsuba_prosim import llvm
-from vector_width.sitecustomize import TARGETS, set_width
 
 #: Where a variant computes, by the beginning of its name. The first is where tests run that name no variant.
 DEVICES = ("llvm", "cuda", "metal")
@@ -106,26 +104,17 @@ def compile_quickly():
         ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
 
 
-def pytest_addoption(parser):
-    parser.addoption("--vector-width", type=int, choices=TARGETS, help="compile kernels as on a CPU with such vectors")
-
-
-def pytest_configure(config):
+def pytest_configure():
     compile_quickly()
-    width = config.getoption("--vector-width")
-    if width is None:
-        return
-    if platform.machine() not in ("x86_64", "AMD64") or "llvm" not in HERE:
-        raise pytest.UsageError("--vector-width needs an x86-64 processor and an LLVM; leave it out.")
-    set_width(width)
-    # The processes that tests start set it, too.
-    paths = [str(Path(__file__).with_name("vector_width")), *filter(None, [os.environ.get("PYTHONPATH")])]
-    os.environ.update(VECTOR_WIDTH=str(width), PYTHONPATH=os.pathsep.join(paths))
+    if "VECTOR_WIDTH" in os.environ:
+        import vector_width.sitecustomize  # noqa: F401  (sets the width here, and in the processes that tests start)
+
+        paths = [str(Path(__file__).with_name("vector_width")), *filter(None, [os.environ.get("PYTHONPATH")])]
+        os.environ["PYTHONPATH"] = os.pathsep.join(paths)
 
 
-def pytest_report_header(config):
-    width = config.getoption("--vector-width")
-    vectors = f"; vectors of {width}" if width else ""
+def pytest_report_header():
+    vectors = f"; vectors of {os.environ['VECTOR_WIDTH']}" if "VECTOR_WIDTH" in os.environ else ""
     return f"Mitsuba {mi.__version__} in {', '.join(VARIANTS if HERE else SCALAR)}{vectors}"
 
 

@@ -1,4 +1,4 @@
-"""The figures are drawn, and show what the thesis says of them, in numbers; the notebooks run."""
+"""The figures are drawn, and their sampling patterns are what the thesis says; the notebooks run."""
 
 import importlib
 import re
@@ -9,12 +9,13 @@ import mitsuba as mi
 import nbformat
 import numpy as np
 import pytest
+import reference_pictures as references
 from drawing import scenes as drawn
 from drawing.patterns import SPACING, jittered, nrook, poisson_disk, regular, uncorrelated_jittered
+from image_statistics import leave
 from nbclient import NotebookClient
 from PIL import Image
 from scenes import slow
-from scipy import ndimage
 
 ROOT = Path(__file__).parents[1]
 #: The figures of a quick run.
@@ -49,47 +50,6 @@ def test_pictures_of_the_gallery_are_large():
     for picture in pictures:
         path = ROOT / "docs" / picture
         assert Image.open(path).width >= 960 and path.stat().st_size < 250_000
-
-
-def luminance(name, samples, **integrator):
-    """Luminance of a scene of the pole, (108, 144), and the further channels."""
-    image = np.array(mi.render(mi.load_dict(drawn.load(name, 0.3, samples, **integrator))))
-    return (image[..., :3] @ [0.2126, 0.7152, 0.0722], *np.moveaxis(image[..., 3:], 2, 0))
-
-
-@pytest.mark.slow
-def test_samples_in_the_light_of_a_pole(variant_rgb):
-    """Figures 5.12 to 5.15, and section 5.3.2."""
-    point, extended = (luminance(name, 16, adaptive="none")[0] for name in ("poste-pontual", "poste"))
-    # Masks: outlines of things; penumbra, where the size of the source matters, without these; what is flat.
-    outline = ndimage.gaussian_gradient_magnitude(extended, 0.5) > 0.06
-    penumbra = (np.abs(extended - point) > 0.03) & ~ndimage.binary_dilation(outline, iterations=2)
-    # A pixel is flat if the 5 x 5 around it are, as far as the criterion looks.
-    uneven = (np.abs(extended - point) >= 0.001) | (ndimage.gaussian_gradient_magnitude(extended, 0.5) >= 0.01)
-    flat = ~ndimage.binary_dilation(outline | uneven, np.ones((5, 5)))
-    assert min(outline.sum(), penumbra.sum(), flat.sum()) > 180
-
-    def rmse(image, reference, where):
-        return np.sqrt(np.mean((image - reference)[where] ** 2))
-
-    # Of a point source: hard steps along the outlines, clean surfaces and shadows.
-    image = luminance("poste-pontual", 1)[0]
-    assert rmse(image, point, outline) > 0.05 and rmse(image, point, flat) < 0.01
-    # Of an extended one: the penumbra is many times noisier than what is flat, and than in the light of the point.
-    noisy, *finer = (luminance("poste", n, aovs="samples") for n in (1, 3, 5))
-    assert rmse(noisy[0], extended, penumbra) > 0.05
-    assert rmse(noisy[0], extended, flat) < 0.2 * rmse(noisy[0], extended, penumbra)
-    assert rmse(image, point, penumbra) < 0.5 * rmse(noisy[0], extended, penumbra)
-    # Stairs and noise shrink from 1 sample to at most 9, and to at most 25.
-    for region in (outline, penumbra):
-        error = [rmse(image, extended, region) for image, _ in (noisy, *finer)]
-        assert error[1] < 0.5 * error[0] and error[2] < 0.8 * error[1]
-    # N on what is flat, up to N² on outlines and in the penumbra.
-    for n, (_, counts) in zip((3, 5), finer):
-        assert counts.min() == n and counts.max() == n * n
-        assert np.mean(counts[flat] == n) > 0.95
-        assert np.mean(counts[outline] == n * n) > 0.9
-        assert np.mean(counts[penumbra] == n * n) > 0.6
 
 
 # The sampling strategies of section 4.2.1.2: what defines each
@@ -149,3 +109,42 @@ def test_notebook_has_the_outputs_of_its_code(path, monkeypatch):
     counts = [cell.execution_count for cell in notebook.cells if cell.cell_type == "code"]
     assert counts == [*range(1, len(counts) + 1)]
     assert any(cell.get("outputs") for cell in notebook.cells) and path.stat().st_size < 400_000
+
+
+# ---- The examples look as they did: each beside a reference picture, with a tolerance for rounding alone
+
+
+#: The scenes of a quick run: the thesis's own, and one with glass.
+QUICK_SCENES = ("caustica", "palito")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK_SCENES else pytest.mark.slow) for name in references.NAMES]
+)
+@pytest.mark.filterwarnings("error::prosim_scene.SceneWarning")
+def test_example_is_its_reference(variant_rgb, name):
+    """And nothing in it is doubtful."""
+    if name == "palito" and mi.__version__ == "3.9.0":
+        pytest.skip("tangents of meshes, which say how large a pixel is on the stripes, are those of Mitsuba 3.9.1")
+    image, reference = references.render(name), references.kept(name)
+    assert reference is not None, (
+        f"tests/references has no {name}.exr: python tests/reference_pictures.py --keep {name}"
+    )
+    if not references.same(image, reference):
+        pixels, mean, largest = references.changes(image, reference)
+        note = f"{pixels:.1%} of the pixels have changed, the mean by {mean:.2%}, one by {largest:.1%}"
+        folder = leave(note, image=image, reference=reference, difference=image - reference)
+        pytest.fail(
+            f"{note}. See {folder}. If that is as it should be: python tests/reference_pictures.py --keep {name}"
+        )
+
+
+def test_tolerance_tells_rounding_from_light(variant_rgb):
+    """One per cent more light is seen, in any example; rounding to 16 bits, and every 200th pixel another, are not."""
+    for reference in map(references.kept, references.NAMES):
+        rng = np.random.default_rng(0)
+        assert not references.same(1.01 * reference, reference)
+        rounded = reference * (1 + rng.uniform(-1, 1, reference.shape) / 2048)
+        other = rng.random(reference.shape[:2]) < 0.005
+        rounded[other] *= rng.uniform(0.9, 1.1, (other.sum(), 1))
+        assert references.same(rounded, reference)

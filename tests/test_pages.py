@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("docs/*/*.md"), *ROOT.glob("docs/*/*.rst")]
 PAGES = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent.name not in ("_build", "notebooks")]
 #: Options of other programs.
-OTHERS = {"--append", "--host", "--nthreads", "--only", "--size", "--vector-width", "--keep-going"}
+OTHERS = {"--append", "--host", "--nthreads", "--only", "--size", "--keep-going"}
 
 
 @pytest.fixture(scope="module")

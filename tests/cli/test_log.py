@@ -2,62 +2,26 @@
 
 import io
 import os
-import random
 import signal
 import subprocess
 import sys
-import time
 
 import mitsuba as mi
 import pytest
 from mitsuba_prosim.cli.log import log
 from mitsuba_prosim.cli.progress import Progress
-from running import PALITO, PIPES
-from waiting import PATIENCE, started, until
-
-#: A thread makes a scene of a dozen native plugins, each of which is logged under Mitsuba's locks. After the first the
-#: main thread keeps the interpreter to itself until 9 lines are logged, but not for ever; prints their number.
-HOLD_THE_INTERPRETER = """
-import ctypes, os, pathlib, sys, threading
-import mitsuba as mi
-import mitsuba_prosim
-from mitsuba_prosim.cli.log import log
-
-mi.set_variant("llvm_ad_rgb")
-names = "diffuse conductor dielectric plastic roughplastic roughconductor roughdielectric principled null".split()
-shapes = "".join(f'<shape type="sphere"><bsdf type="{name}"/></shape>' for name in names)
-config = mi.parser.ParserConfig(mi.variant())
-state = mi.parser.parse_string(config, f'<scene version="3.0.0">{shapes}</scene>')
-libc = ctypes.PyDLL(None)  # calls of it do not release the interpreter
-with log(2, pathlib.Path(sys.argv[1])):
-    thread = threading.Thread(target=mi.parser.instantiate, args=(config, state))
-    thread.start()
-    while os.fstat(1).st_size == 0:
-        pass
-    sys.setswitchinterval(1000)
-    text = ctypes.create_string_buffer(1 << 16)
-    for _ in range(6000):
-        lines = text.raw[: libc.pread(1, text, len(text), 0)].count(b"\\n")
-        if lines >= 9:
-            break
-        libc.usleep(10_000)
-    thread.join()
-print(lines)
-"""
-
-
-@pytest.mark.slow
-def test_logging_needs_no_interpreter(tmp_path):
-    """Else a thread that logs and one that makes a plugin in Python can wait for each other for ever."""
-    command = [sys.executable, "-c", HOLD_THE_INTERPRETER, tmp_path]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE)
-    assert int(done.stdout) >= 9
-    assert 'Loading plugin "plugins/principled' in done.stderr
+from running import PIPES, names, scene_text
+from waiting import PATIENCE, started
 
 
 @pytest.mark.parametrize("verbose, expected", [(0, ["warning", "lines"]), (1, ["information", "warning", "lines"])])
 def test_log_goes_to_standard_error(variant_rgb, capfd, tmp_path, verbose, expected):
+    """Without an appender in Python: a thread that logs through one, and one that makes a plugin in Python, can wait
+    for each other for ever.
+    """
+    appenders = mi.logger().appender_count()
     with log(verbose, tmp_path):
+        assert mi.logger().appender_count() == appenders
         mi.Log(mi.LogLevel.Debug, "debugging")
         mi.Log(mi.LogLevel.Info, "information")
         for _ in range(2):
@@ -140,31 +104,6 @@ def test_names_of_files_are_utf_8_in_any_locale(write_scene):
     assert done.returncode == 2 and b"in UTF-8" in done.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
-def test_signal_at_any_moment_leaves_no_temporary_file(write_scene, tmp_path):
-    """Images are complete or absent. The first render compiles the kernels."""
-    scene, env = write_scene(PALITO.read_text("utf-8")), os.environ | {"TMPDIR": str(tmp_path / "tmp")}
-    (tmp_path / "tmp").mkdir()
-    rng, seconds = random.Random(1), 0.0
-    for number in (0, 0, *[signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL] * 3):
-        begun = time.monotonic()
-        command = [*START, "render", scene, "--resolution", "24x24", "--samples", "2"]
-        with started(command, **PIPES, env=env) as process:
-            if number:
-                time.sleep(rng.uniform(0, seconds))
-                process.send_signal(number)
-            _, said = process.communicate(timeout=PATIENCE)
-        seconds = seconds if number else time.monotonic() - begun
-        until(lambda: not os.listdir(tmp_path / "tmp"))  # the guard deletes the folder
-        assert b"Traceback" not in said.replace(b"KeyboardInterrupt", b""), number
-        files = {path.name for path in tmp_path.iterdir()} - {"tmp", "s.scn"}
-        assert files <= {"s.exr", "s.png"}
-        for name in files:
-            mi.Bitmap(str(tmp_path / name))
-            (tmp_path / name).unlink()
-
-
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 def test_full_standard_output_is_one_message():
     with open("/dev/full", "w") as full:
@@ -184,3 +123,51 @@ def test_closed_standard_output_is_one_message():
         print("nowhere", flush=True)
         sys.exit(os.open(os.devnull, os.O_RDONLY))"""
     assert subprocess.run([sys.executable, "-c", code], check=False, stdout=subprocess.PIPE).returncode > 2
+
+
+# ---- On Windows
+
+
+MODULES = "fcntl grp posix pty pwd resource syslog termios tty"
+OS = "O_NOFOLLOW WNOHANG chown fork getpgid getuid killpg mkfifo posix_fallocate pread sched_getaffinity uname"
+SIGNALS = "SIGALRM SIGCHLD SIGCONT SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR1 SIGWINCH pthread_sigmask setitimer"
+
+WINDOWS = f"""if True:
+    import builtins, contextlib, importlib, os, pkgutil, signal, sys
+    import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm.auto
+    others = "ctypes.util distributed flip_evaluator jinja2 matplotlib mitsuba_oidn pygls.lsp.server"
+    for name in [*others.split(), "starlette.applications", "uvicorn.main", "ipywidgets"]:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    for module, lacks in ((os, "{OS}"), (signal, "{SIGNALS}")):
+        for name in lacks.split():
+            delattr(module, name) if hasattr(module, name) else None
+    sys.platform, original = "win32", builtins.__import__
+    ours = ("mitsuba_prosim", "prosim_scene", "prosim_start")
+
+    def importing(name, globals=None, *rest):
+        if name.partition(".")[0] in {MODULES.split()} and (globals or {{}}).get("__name__", "").startswith(ours):
+            raise ModuleNotFoundError(f"Windows has no {{name}}", name=name)
+        return original(name, globals, *rest)
+
+    builtins.__import__ = importing
+    mitsuba.set_variant("scalar_rgb")
+    for package in map(importlib.import_module, ours):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+    from prosim_start import main
+    from prosim_start.group import prosim
+    prosim([*sys.argv[1:], "-m", "scalar_rgb"], standalone_mode=False)
+    main()
+    """
+
+
+@pytest.mark.slow
+def test_every_module_is_imported_and_a_scene_is_rendered(tmp_path):
+    """With a log, in a scalar variant and in the usual one."""
+    (tmp_path / "scene.xml").write_text(scene_text('<integrator type="prosim"/>'))
+    command = [sys.executable, "-c", WINDOWS, "render", tmp_path / "scene.xml", "-v"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert names(tmp_path) == ["scene.exr", "scene.png", "scene.xml"] and "INFO" in done.stderr

@@ -14,18 +14,6 @@ from prosim_start import group
 from running import PALITO, compiled, done, metadata, names, pixels, prosim, refused
 
 
-@pytest.mark.slow
-def test_renders_the_thesis_scene(palito):
-    """Images have the name of the scene's file; nothing else is left behind. A crop has the whole image's pixels."""
-    options = ["--resolution", "40x40", "--samples", 2]
-    printed = done("render", palito, *options).stdout
-    assert "listing.exr and " in printed and "40 x 40 pixels" in printed and printed.count("\n") == 1
-    assert names(palito.parent) == ["listing.exr", "listing.png", "listing.scn"]
-    done("render", palito, "-o", palito.with_name("part"), *options, "--crop", "10,4,8,6")
-    whole, part = pixels(palito.with_suffix(".exr")), pixels(palito.with_name("part.exr"))
-    assert whole.shape == (40, 40, 3) and np.array_equal(part, whole[4:10, 10:18])
-
-
 def test_render_of_xml_imports_no_translator(scene):
     """Nor servers and multiprocessing, because their imports take longer than a small image; after the imports, garbage
     is collected again.

@@ -15,6 +15,8 @@ from mitsuba_prosim.scene.errors import with_line, with_suggestion
 from running import LIT_FLOOR, PALITO, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
+NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snapshots 2s"]
+
 
 @pytest.mark.parametrize(
     "arguments, says",
@@ -24,12 +26,13 @@ from tqdm import tqdm
         ("--exposre 1", "'--exposure'"),
         ("--resolution 0x4", "1 to 65536 pixels a side"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
-        *[(f"--crop {n}", f"window {n} is not within the image of 12x8 pixels") for n in ("0,0,100,100", "12,0,1,1")],
+        ("--crop 12,0,1,1", "window 12,0,1,1 is not within the image of 12x8 pixels"),
         ("--samples 2", "Any of --noise, --noise-99, --time, --max-samples, --adaptive puts it inside"),
         ("-D key", "not of the form key=value"),
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 0", "range"),
         ("--spp 4 --samples 2", "give one of them"),
+        *[(f"--spp 4 --{option}", "leave it out with --noise") for option in NOT_WITH_SPP],
         ("-s 7", "out of bounds! The scene has sensors 0 to 0."),
         ("--exposure nan", "finite"),
         ("--caustics", "prosim has --caustics; this scene's is path, which --paths"),

@@ -7,11 +7,6 @@ import mitsuba_prosim
 import numpy as np
 import pytest
 from mitsuba_prosim import denoising
-from mitsuba_prosim.engine.render import Render
-from mitsuba_prosim.parallel import cluster
-from mitsuba_prosim.parallel.bundle import SceneBundle
-from mitsuba_prosim.parallel.executor import DaskExecutor
-from mitsuba_prosim.scene import rendering, scene_file
 from running import LIT_FLOOR, done, refused, scene_text
 
 SPP = 12
@@ -55,36 +50,11 @@ def by_notebook(path):
     mitsuba_prosim.show(path, spp=SPP)
 
 
-@pytest.fixture(scope="module")
-def client():
-    with cluster.workers(1) as client:
-        yield client
-
-
-@pytest.fixture
-def counts(monkeypatch):
-    """The sample counts of the first render that begins."""
-    renders = []
-    for kind in Render, rendering.Blocking:
-        begin = kind.__init__
-        monkeypatch.setattr(kind, "__init__", lambda self, *how, to=begin: renders.append(self) or to(self, *how))
-    return lambda: renders.pop(0).counts()
-
-
 @pytest.mark.parametrize("integrator, crop", list(zip(INTEGRATORS, cycle(["", CROP]))), ids=range(len(INTEGRATORS)))
 @pytest.mark.parametrize("way", [by_command, by_mitsuba, by_denoiser, by_notebook])
 def test_each_pixel_gets_the_samples(scene, variant_rgb, counts, way, integrator, crop):
     scene.write_text(scene_text(integrator, LIT_FLOOR, sampler="independent").replace("<integer", crop + "<integer", 1))
     way(scene)
-    assert np.all(counts() == SPP)
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS[1::3])
-def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator):
-    scene.write_text(scene_text(integrator, LIT_FLOOR))
-    file = scene_file.SceneFile(scene, scene.parent)
-    loaded, executor = file.load(), DaskExecutor(client, SceneBundle.of(file))
-    loaded.integrator().progressive(loaded, spp=SPP, executor=executor).run()
     assert np.all(counts() == SPP)
 
 
@@ -103,16 +73,6 @@ def test_continued_render_keeps_its_samples_until_another_target_is_set(scene, c
     assert np.all(counts() == SPP)
     assert "finished before" in done("resume", state).stdout
     assert "of 0.001" in done("resume", state, "--noise", 0.001).stdout
-
-
-OTHERS = ["noise 0.1", "time 1", "samples 2", "max-samples 9", "adaptive graded", "snapshots 2s"]
-
-
-@pytest.mark.parametrize("option", [f"--{other}" for other in OTHERS])
-def test_other_option_for_the_number_is_refused(scene, option):
-    name = option.partition(" ")[0]
-    refused(name, "render", scene, "--spp", SPP, *option.split())
-    refused("--spp", "render", scene, "--spp", SPP, *option.split())
 
 
 @pytest.mark.parametrize("sampler, spp, taken", [("stratified", 12, 16), ("multijitter", 7, 8), ("ldsampler", 9, 16)])

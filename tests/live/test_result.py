@@ -48,13 +48,6 @@ def test_render_takes_dictionaries_and_files(variant_rgb, tmp_path, path):
     assert " of 0.3" in language.verdict
 
 
-def test_verdict_says_what_ended_the_render(variant_rgb):
-    limited = mitsuba_prosim.render(scene(), noise=1e-6, time=0.05, progress=False)
-    assert limited.verdict.startswith("reached the time limit at error ") and "1e-06" in limited.verdict
-    few = scene({"type": "prosim", "max_samples": 4})
-    assert mitsuba_prosim.render(few, noise=1e-6, progress=False).verdict.endswith("samples per pixel, 4")
-
-
 def test_notebook_shows_picture_maps_and_verdict(variant_rgb):
     result = mitsuba_prosim.render(scene(), spp=2, progress=False)
     page = result._repr_html_()

@@ -56,6 +56,7 @@ def test_every_wrong_statement_is_reported():
 
 
 def test_completion_offers_words_that_fit():
+    assert {"leg", "CUBE"} <= set(labels("SOLID leg CUBE 1 CSG-TREE | END"))
     assert labels("|")[:2] == ["DEFAULT", "NAME"] and "END" in labels("SUR|")
     assert labels(SCENE.replace("CUBE 0", "CUBE |"))[:2] == ["0", "1"]
     assert labels(SCENE.replace("CUBE 0", "CU|"))[:4] == ["CUBE", "SPHERE", "CYLINDER", "CONE"]

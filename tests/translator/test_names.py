@@ -6,7 +6,6 @@ import random
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
-from prosim_scene.editor.symbols import Symbols
 from prosim_scene.language import reader
 from test_errors import MINIMAL
 
@@ -183,16 +182,6 @@ def test_solids_of_solids_do_not_grow_without_a_limit(monkeypatch):
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))
     with pytest.raises(SceneError, match="more than 1000 primitives"):
         prosim_scene.parse(text + "SURFACE 1 TRANSFORM 1 CSG-TREE s59 1 END")
-
-
-def test_an_editor_knows_named_solids():
-    symbols = Symbols(NAMED)
-    at = NAMED.index("LEG 11")
-    symbol = symbols.occurrence_at(at).symbol
-    assert len(symbols.table[symbol]) == 3
-    assert "SOLID leg + CYLINDER 1 SPHERE 2" in symbols.hover(at)[2]
-    assert {"leg", "CUBE"} <= {one.label for one in symbols.completions(at)}
-    assert {"20", "1"} <= {one.label for one in symbols.completions(at + len("LEG "))}
 
 
 def test_an_image_lights_the_scene(tmp_path, write_scene):

@@ -1,7 +1,7 @@
-"""Compiles the kernels of this process as on a CPU with other vectors: `--vector-width` in the processes of tests.
+"""Compiles the kernels of this process as on an x86-64 CPU with vectors of another width, VECTOR_WIDTH in the
+environment.
 
-Python imports this module at its start, where its folder is in PYTHONPATH. The environment variable VECTOR_WIDTH has
-the width.
+Python imports this module at its start, where its folder is in PYTHONPATH.
 """
 
 import ctypes

@@ -186,8 +186,8 @@ def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator
 def test_by_threads_of_this_process(lamp, monkeypatch):
     """A work item that fails three times ends the render with its error."""
     with distributed.Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
-        for changes in {"integrator": NOISE}, {"crop": (9, 5, 32, 24)}:
-            assert np.array_equal(there(client, lamp, **changes), here(lamp, **changes))
+        changes = {"integrator": NOISE, "crop": (9, 5, 32, 24)}
+        assert np.array_equal(there(client, lamp, **changes), here(lamp, **changes))
         monkeypatch.setattr(worker, "timed_sums", lambda *_: 1 / 0)
         with pytest.raises(ClusterError, match="3 attempts failed, the last one with: division by zero"):
             there(client, lamp)

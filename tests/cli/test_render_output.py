@@ -184,11 +184,8 @@ def noisy(write_scene):
 @pytest.mark.parametrize(
     "integrator, wrapped",
     [
-        ('<integrator type="path"/>', "path"),
         ('<integrator type="aov"><string name="aovs" value="d:depth"/><integrator type="direct"/></integrator>', "aov"),
-        ('<integrator type="prosim"/>', None),
         (ADAPTIVE_PATH, None),
-        ("", "path"),
     ],
 )
 def test_noise_with_any_integrator(scene, integrator, wrapped):
@@ -390,8 +387,6 @@ def test_folder_of_outputs_may_be_a_link(scene, palito, tmp_path_factory):
 
 
 def test_link_to_a_missing_folder_is_found_before_the_render(scene, monkeypatch):
-    from mitsuba_prosim.scene import rendering
-
     monkeypatch.setattr(rendering, "progressive", lambda *_, **__: pytest.fail("has rendered"))
     scene.with_name("out").symlink_to("nowhere")
     for output in "out/a", "out/b/a":

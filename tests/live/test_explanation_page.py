@@ -10,25 +10,26 @@ pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="n
 MIRROR = LITTLE.replace("lambertiano kd = 0.4 0.5 0.6", "composto kd = 0.2 0.2 0.2 n-refr = 1.6")
 
 
-@pytest.fixture(scope="module", params=["perspective", "window"])
+@pytest.fixture(scope="module", params=[(48, 1200, "light"), (30, 390, "dark")], ids=["perspective", "window"])
 def file(request, tmp_path_factory):
-    """The page of a pixel whose rays are reflected; of square pixels, and of others, which another sensor samples."""
+    """The page of a pixel whose rays are reflected, and how it is shown; of square pixels, and of others, which another
+    sensor samples.
+    """
+    height, *how = request.param
     mi.set_variant("llvm_ad_rgb")
     folder = tmp_path_factory.mktemp("explained")
     scene = folder / "little.scn"
     scene.write_text(MIRROR)
-    size = {"resolution": (64, 48 if request.param == "perspective" else 30)}
+    file = SceneFile(scene, folder, resolution=(64, height))
     page = folder / "page.html"
-    page.write_text(
-        explanation.page(SceneFile(scene, folder, **size), command="prosim explain", pixel=(20, 26), spp=16), "utf-8"
-    )
-    return page
+    page.write_text(explanation.page(file, command="prosim explain", pixel=(20, 26), spp=16), "utf-8")
+    return page, *how
 
 
-@pytest.fixture(params=[(1200, "light"), (390, "dark")])
-def page(request, browser, file):
-    width, scheme = request.param
-    with opened(browser, f"file://{file}", viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+@pytest.fixture
+def page(browser, file):
+    path, width, scheme = file
+    with opened(browser, f"file://{path}", viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
         yield page
 
 

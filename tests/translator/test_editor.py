@@ -6,8 +6,6 @@ import weakref
 from pathlib import Path
 
 from prosim_scene.editor.symbols import Symbol, Symbols, description
-from prosim_scene.language.analysis import analyse
-from prosim_scene.language.diagnostics import MAX_ERRORS
 from prosim_scene.language.words import WORDS
 
 SCENE = """(a scene)
@@ -25,11 +23,6 @@ END
 """
 
 
-def codes(text):
-    """The codes of the errors and warnings of a text."""
-    return [one.code for one in analyse(text)[1]]
-
-
 def labels(text):
     """The completions at the bar in a text."""
     at = text.index("|")
@@ -45,14 +38,6 @@ def test_text_with_an_error_is_freed_at_once():
     assert symbols.diagnostics
     del symbols
     assert reader() is None
-
-
-def test_every_wrong_statement_is_reported():
-    text = "VIEW OBS 1 2\nSURFACE 0 kd 1 2\nAMBIENT {$b} 1 1\nNAMEX: y\nCSG (\nDEFAULT $a 2\n"
-    assert codes(text) == ["count", "count", "undefined", "unknown-word", "unclosed", "no-end"]
-    assert codes("CSG-TREE CUBE 9\n" + "".join(f"SURFACE {i} kd 2\n" for i in range(200))) == ["range"] * (
-        MAX_ERRORS + 1
-    )
 
 
 def test_completion_offers_words_that_fit():

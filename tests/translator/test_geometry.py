@@ -53,7 +53,7 @@ def test_normals_and_uv_are_those_of_the_face_after_cuts(shape, sign):
 
 
 @pytest.mark.parametrize("shape", [*CURVED, "TORUS 0 radius .05"])
-@pytest.mark.parametrize("steps", ["", "SCALE (3 1 2) ROTATE-X (70)", "SCALE (.5 .5 3) ROTATE-Y (20)"])
+@pytest.mark.parametrize("steps", ["", "SCALE (3 1 2) ROTATE-X (70)"])
 def test_curved_faces_are_as_fine_as_promised(shape, steps):
     """The distance to the face of points on the triangles, over the gradient, is below the tolerance in pixels."""
     text = scene(shape, [steps])

@@ -43,7 +43,6 @@ def median_angle(bsdf):
     "roughness, cos_facet",  # the median facet, as the cosine of its angle to the normal
     [
         ("n = 100", math.cos(0.5 * math.acos(2 ** (-1 / 101)))),
-        ("roughness = 400", 2 ** (-1 / 402)),
         ("rug = 400", 2 ** (-1 / 402)),
         ("m = .07", math.cos(math.atan(0.07 * math.sqrt(math.log(2))))),
     ],

@@ -342,7 +342,7 @@ def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
 def test_solids_without_overlaps_have_no_warning(kind):
     """Random unions and differences, whose slivers and creases are as in files by others."""
     generator, tested = np.random.default_rng(5), 0
-    for _ in range(40):
+    for _ in range(20):
         solid = Manifold()
         for _ in range(generator.integers(2, 6)):
             own = [Manifold.cube((2, 2, 2)), Manifold.sphere(1.3, int(generator.integers(8, 60)))]
@@ -354,7 +354,7 @@ def test_solids_without_overlaps_have_no_warning(kind):
         if solid.volume() > 0.1:
             tested += 1
             assert not MeshFile(obj(mesh.tri_verts.tolist(), vertices)).warning
-    assert tested > 25
+    assert tested > 12
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ SUFFIXES = (".html", ".json")
 @click.argument("scene", type=SCENE_FILE)
 @click.argument("a", default="prosim")
 @click.argument("b", default="path:multijitter")
-@job_options("noise", "denoise", "output", "exposure", "definitions", "resolution", "allow_outside")
+@job_options("denoise", "output", "exposure", "definitions", "resolution", "allow_outside")
 @job_options("variant", "samples", "light_units", "tolerance")
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Number of measured runs of each method.")
 @option("Comparison", "--sqrt-spp", type=ROOTS, default="2,3,4,6,9", help="Square roots of the samples per pixel.")
@@ -33,7 +32,7 @@ SUFFIXES = (".html", ".json")
 def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], reference_seconds: float) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 
-    A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,adaptive=none or
+    A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,noise=0.01 or
     path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered twice: with
     the same number of samples as A, and in A's processor time. Errors are differences from a converged reference image.
     If only one of A and B is prosim, prosim renders the scene twice: once with the kinds of light paths that the other
@@ -51,13 +50,8 @@ def compare(job: Job, a: str, b: str, rounds: int, sqrt_spp: tuple[int, ...], re
     with Resources(job) as resources:
         with input_errors():
             specs = methods.Spec(a), methods.Spec(b)
-            if job.noise:
-                if not any(spec.is_adaptive for spec in specs):
-                    raise ValueError(f"--noise needs the integrator prosim, but neither {a} nor {b} is prosim")
-                specs = specs[0].until(job.noise), specs[1].until(job.noise)
             mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
-            # The error target is a parameter of A and B (see above), so the scene's integrator must not get it.
-            compared_scene = methods.ComparedScene(replace(job, noise=None).read_scene(resources.folder))
+            compared_scene = methods.ComparedScene(job.read_scene(resources.folder))
             if job.denoise:
                 check_denoising(compared_scene.sensor().film())
             for spec in specs:  # finds errors in A and B before the long work begins

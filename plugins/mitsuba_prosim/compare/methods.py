@@ -52,13 +52,6 @@ class Spec:
         """Returns a copy of this specification, in which the parameters ``changes`` are replaced or added."""
         return Spec(self.text, **self.parameters | changes)
 
-    def until(self, noise: float) -> Spec:
-        """Returns a copy with the error target ``noise``, and the policy ``graded`` unless there is one; unchanged if
-        the integrator is not adaptive.
-        """
-        changes = {"adaptive": self.parameters.get("adaptive", "graded"), "noise": noise} if self.is_adaptive else {}
-        return self.with_parameters(**changes)
-
     @property
     def is_adaptive(self) -> bool:
         """Whether the integrator is ``prosim``, whose parameters, not the sampler, determine the number of samples."""

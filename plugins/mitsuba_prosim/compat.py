@@ -383,7 +383,7 @@ def outer_normal(shape: mi.Shape, p: mi.Point3f, n: mi.Normal3f) -> mi.Normal3f:
     m = linear_part(shape)
     if np.allclose(m, abs(m[0, 0]) * np.eye(3), rtol=0, atol=1e-6 * np.abs(m).max()):
         return n
-    out = dr.normalize(p - mi.traverse(shape)["to_world"] @ mi.Point3f(0))
+    out = dr.normalize(p - shape_transform(shape) @ mi.Point3f(0))
     return mi.Normal3f(-out if shape.has_flipped_normals() else out)
 
 
@@ -412,9 +412,9 @@ def linear_part(thing: mi.Object) -> np.ndarray:
     import numpy as np
 
     parameters = mi.traverse(thing)
-    if "to_world" not in parameters:
+    if (name := to_world_name(parameters)) not in parameters:
         return np.zeros((3, 3))
-    matrix = dr.detach(parameters["to_world"].matrix)  # read by elements, as that is possible within a symbolic loop
+    matrix = dr.detach(_at(parameters[name], 0.0).matrix)  # read by elements, as a symbolic loop allows
     return np.array([[dr.slice(matrix[i, j]) for j in range(3)] for i in range(3)], dtype=float)
 
 

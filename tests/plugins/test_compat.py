@@ -84,6 +84,22 @@ def test_the_image_is_the_same(next_mitsuba, scene):
     assert np.array_equal(np.array(mi.render(scenes[1])), before) and before.any()
 
 
+@pytest.mark.parametrize("kind, turn", [("sphere", 120), ("sphere", 30), ("cylinder", 0)])
+def test_turned_and_mirrored_shape_has_its_normals(next_mitsuba, kind, turn):
+    """Otherwise its samples would lose light."""
+    to_world = mi.ScalarTransform4f().rotate([1, 0, 0], turn).scale([-1, 1, 1] if kind == "cylinder" else 2)
+    shape = mi.load_dict({"type": kind, "to_world": to_world})
+    ps = shape.sample_position(0.0, mi.Point2f(0.3, 0.6))
+
+    def known():
+        return [*np.ravel(compat.outer_normal(shape, ps.p, ps.n)), *compat.linear_part(shape).ravel()]
+
+    before, unique = known(), compat.has_unique_uv(shape)
+    assert not np.allclose(before[:3], np.ravel(ps.n)) and unique == (turn == 30)
+    next_mitsuba()
+    assert known() == before and compat.has_unique_uv(shape) == unique
+
+
 @pytest.mark.parametrize("kind", ["perspective", "prosim_window"])
 def test_a_sensor_is_moved(next_mitsuba, kind):
     sensor = mi.load_dict({"type": kind})

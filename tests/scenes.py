@@ -124,25 +124,6 @@ def derivative(function, at=0.0):
     return dr.grad(x)[0]
 
 
-def slopes(scene, key, step, spp=0):
-    """How the mean of the image changes with the parameter ``key`` by ``step`` (a number, or that of each component):
-    in reverse mode, and by a central difference with the same samples.
-    """
-    params = mi.traverse(scene)
-    start = type(params[key])(params[key])
-    step = dr.zeros(type(start)) + step if np.isscalar(step) else type(start)(step)
-
-    def mean(share):
-        params[key] = start + step * share
-        params.update()
-        return dr.mean(mi.render(scene, params, spp=spp, seed=3, seed_grad=4), axis=None)
-
-    low, high = (mean(share).item() for share in (-1, 1))
-    found = derivative(mean)
-    mean(0)
-    return found, 0.5 * (high - low)
-
-
 def grid(n):
     """The midpoints of n² cells of the unit square."""
     i = dr.arange(mi.UInt32, n * n)

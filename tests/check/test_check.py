@@ -14,7 +14,7 @@ from mitsuba_prosim.check.subject import import_module
 from prosim_start.group import prosim
 from scenes import slow
 
-QUICK = [("bsdf", "pdf_too_large"), ("emitter", "point_ray_too_bright"), ("texture", "mean"), ("phase", "weight")]
+QUICK = [("bsdf", "weight_too_large"), ("texture", "mean"), ("phase", "weight")]
 STOCK = (
     "diffuse dielectric roughconductor plastic roughplastic principled null point spot constant directional area "
     "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified gaussian hdrfilm homogeneous "

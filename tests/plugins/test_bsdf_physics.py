@@ -156,10 +156,7 @@ def test_numbers_side_by_side_give_directions_side_by_side(variant_rgb):
 @pytest.mark.parametrize(
     "ours, theirs, parameters",
     (
-        ("prosim_lambertian", "diffuse", {"reflectance": 0.7}),
-        ("prosim_conductor", "conductor", {"material": "Au"}),
         ("prosim_conductor", "conductor", COPPER | {"specular_reflectance": 0.9}),
-        ("prosim_dielectric", "dielectric", {}),
         ("prosim_dielectric", "dielectric", {"int_ior": "water", "ext_ior": "bk7", "specular_transmittance": 0.5}),
     ),
     ids=label,

@@ -532,6 +532,7 @@ def specks(image, by=0.05):
     return int((y > np.max(around, axis=0) + by).sum())
 
 
+@pytest.mark.slow
 def test_sparse_photons_are_no_specks(variant_rgb):
     world = scene(100, ball=ball({"type": "dielectric"}), lamp=lamp(0.5, 80.0))
     found = [sum(specks(render(world, k, caustic_photons=1 << n)) for k in range(3)) for n in (13, 18)]

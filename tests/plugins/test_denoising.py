@@ -17,7 +17,7 @@ from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import picture as live_picture
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
-from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb
+from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb, slow
 from test_record import Elsewhere
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -295,11 +295,12 @@ def test_films_without_colours_are_refused(variant_spectral):
 # ---------------------------------------------------------------- as an integrator
 
 
-@pytest.mark.parametrize("pixel_format, names", [("rgba", "RGBA"), ("luminance_alpha", "YA"), ("luminance", "Y")])
-def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format, names):
+@pytest.mark.parametrize("pixel_format", ["rgba", *slow("luminance_alpha", "luminance")])
+def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format):
     """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels. The live
     view shows the same image, and grey values as a grey.
     """
+    names = {"rgba": "RGBA", "luminance_alpha": "YA", "luminance": "Y"}[pixel_format]
     scene = penumbra(size=24, rfilter="gaussian", type="prosim", samples=2, aovs="samples")
     crop = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 14, "crop_height": 9}
     scene["sensor"]["film"] |= crop | {"pixel_format": pixel_format}
@@ -428,6 +429,7 @@ def test_where_the_denoiser_does_not_pay_the_result_is_the_image_without_it(vari
     assert all(np.array_equal(others[name], alone[..., k]) for name, k in (("samples", 3), ("error", 4)))
 
 
+@pytest.mark.slow
 def test_a_render_that_ends_before_its_limit(variant_rgb, denoiser):
     """By the maximum number of samples: the error is that of the image, and the same bits come from a checkpoint in the
     last pass, that over the second half.

@@ -356,6 +356,7 @@ def test_gradients_are_no_larger_than_those_of_mitsubas_materials(variant_rgb, k
             assert stock > 0 and max(found) < 10 * stock
 
 
+@pytest.mark.slow
 def test_derivative_of_million_samples_is_right(variant_rgb):
     """By the radiance of the sky, of which the image is a copy: floats of 32 bits would add up to 0.1 % too much."""
     pixels = film(1, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": "gaussian"}}

@@ -84,7 +84,8 @@ def test_contributions_sum_to_samples_and_samples_to_the_image(variant_rgb, name
     check_sums(scene_of(name))
 
 
-@pytest.mark.parametrize("settings", [PATHS, *slow({}, {"caustics": True, "caustic_photons": 5000})])
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [{}, {"caustics": True, "caustic_photons": 5000}, PATHS])
 def test_contributions_sum_with_dispersion_in_spectra(variant_spectral, settings):
     ball = {"type": "prosim_dielectric", "int_material": "sf10"}
     check_sums(mi.load_dict(penumbra(ball, SIZE, type="prosim", adaptive="none", **settings)))

@@ -107,7 +107,7 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         assert stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)
 
 
-@pytest.mark.parametrize("roughness, value", [("alpha", 0.05), ("alpha", 1.5), ("exponent", 0.0), ("gaussian", 0.8)])
+@pytest.mark.parametrize("roughness, value", [("alpha", 1.5), ("exponent", 0.0), ("gaussian", 0.8)])
 def test_groove_loses_no_light(variant_rgb, roughness, value):
     bsdf = material("conductor", roughness, value, eta=0.0, k=1.0)
     sampler = mi.load_dict({"type": "independent"})

@@ -92,6 +92,7 @@ def test_probabilities_sum_to_one_and_are_those_of_the_choice(variant_rgb, monke
             assert abs(rest[mine].mean() - 0.5) < 0.02 and rest[mine].min() < 0.02 and rest[mine].max() > 0.98
 
 
+@pytest.mark.slow
 def test_the_density_of_a_lamp_that_is_met_is_that_of_its_sample(variant_rgb):
     """Of spheres, which our own strategy samples, and of Mitsuba's shapes; times the probability of the choice."""
     scene = mi.load_dict(lit())

@@ -98,20 +98,6 @@ def test_the_approximation_of_the_thesis_holds_for_a_large_index(variant_rgb):
     assert difference(0.5, 0.5) > 5e-2  # n² + k² is not large: bad
 
 
-def test_rough_facets_reflect_most_beyond_the_mirror_direction(variant_rgb):
-    """Figures 3.6 and 3.7: beyond the mirror direction for Torrance and Sparrow at 70 degrees, never for Phong."""
-    angles = np.arange(0, 89.5, 0.5)
-    rough = mi.load_dict({"type": "prosim_conductor", "alpha": 0.2})
-    phong = mi.load_dict({"type": "prosim_phong", "exponent": 50.0, "diffuse_reflectance": 0.3})
-
-    def peak(bsdf, incidence):
-        return angles[np.argmax(np.array(curves.radiance(bsdf, incidence, angles))[0])]
-
-    assert 30 <= peak(rough, 30) <= 35
-    assert 75 <= peak(rough, 70) < 89
-    assert peak(phong, 30) == 30 and peak(phong, 70) == 70
-
-
 @pytest.mark.slow
 def test_the_documented_losses_are_measured(variant_rgb):
     """docs/optics.md has a table of the light lost in cavities, in per cent, and a sentence for a glass."""

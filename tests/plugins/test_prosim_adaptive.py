@@ -158,7 +158,6 @@ def test_polarised_light_is_refused():
 @pytest.mark.parametrize(
     "pixel_format, inner, own",
     [
-        ("rgb", (), {}),
         ("rgba", ("path",), {"aovs": "samples"}),
         ("rgb", ("path", "direct"), {"aovs": "samples"}),
         ("luminance", ("path",), {"aovs": "samples"}),

@@ -45,10 +45,6 @@ def sample(f):
     return {"sample": lambda bs, w, si, ctx: (f(bs), w)}
 
 
-def cosine(v):
-    return dr.maximum(dr.abs(v.z), 0.1)
-
-
 def tilt(si):
     return 0.5 + 0.5 * dr.abs(si.wi.z)
 
@@ -59,25 +55,19 @@ BSDFS = {
         "diffuse",
         pdf(lambda v, wo, ctx: v * 1.1) | {"sample": lambda bs, w, si, ctx: (scaled(bs, 1.1), w / 1.1)},
     ),
-    "pdf_without_cosine": ("diffuse", pdf(lambda v, wo, ctx: dr.select(v > 0, dr.inv_two_pi, 0))),
     "pdf_of_one_sample": (ROUGH, sample(lambda bs: scaled(bs, 1.2))),
-    "eval_without_cosine": ("diffuse", eval_(lambda v, si, wo: v / cosine(wo))),
-    "no_cosine": ("diffuse", eval_(lambda v, si, wo: v / cosine(wo)) | weight(lambda bs, si, ctx: 1 / cosine(bs.wo))),
     "weight_too_large": (METAL, weight(lambda bs, si, ctx: 1.05)),
     "albedo_above_one": ("diffuse", eval_(lambda v, si, wo: v * 2.2) | weight(lambda bs, si, ctx: 2.2)),
     "mirror_above_one": ("conductor", weight(lambda bs, si, ctx: 1.2)),
     "light_below_horizon": ("diffuse", eval_(lambda v, si, wo: v + dr.select(wo.z < 0, 0.05, 0))),
     "not_reciprocal": ("diffuse", eval_(lambda v, si, wo: v * tilt(si)) | weight(lambda bs, si, ctx: tilt(si))),
     "eta_inverted": ("dielectric", sample(lambda bs: scaled(bs, eta=dr.rcp(bs.eta)))),
-    "rough_eta_inverted": (GLASS, sample(lambda bs: scaled(bs, eta=dr.rcp(bs.eta)))),
     "radiance_not_scaled": (
         "dielectric",
         weight(lambda bs, si, ctx: dr.square(bs.eta) if ctx.mode == mi.TransportMode.Radiance else 1),
     ),
-    "glossy_lobe_lost": (ROUGH, eval_(lambda v, si, wo: dr.minimum(v, 0.2))),
     "delta_probability": ("plastic", sample(lambda bs: scaled(bs, dr.select((bs.sampled_type & 32) != 0, 0.8, 1)))),
     "transmission_as_reflection": (GLASS, sample(lambda bs: scaled(bs, sampled_type=mi.UInt32(8)))),
-    "types_swapped": (ROUGH, sample(lambda bs: scaled(bs, sampled_type=10 - bs.sampled_type))),
     "not_anisotropic": (BRUSHED, {"flags": REFLECTS | 0x8}),
     "flags_of_a_mirror": ("diffuse", {"flags": REFLECTS | 0x20}),
     "nan_at_grazing": ("diffuse", eval_(lambda v, si, wo: v / dr.select(wo.z < 0.01, 0.0, 1.0))),
@@ -94,12 +84,10 @@ BSDFS = {
 }
 
 EMITTERS = {
-    "point_squared": ("point", {"sample_direction": lambda ds, w, it: (ds, w * ds.dist)}),
     "point_ray_too_bright": ("point", {"sample_ray": lambda ray, w: (ray, w * 1.1)}),
     "sky_turned": ("sunsky", {"sample_direction": lambda ds, w, it: (turned(ds), w)}),
     "constant_pdf": ("constant", {"pdf_direction": lambda v, it, ds: v * 1.2}),
     "constant_eval": ("constant", {"eval": lambda v, si: v * 0.9}),
-    "spot_flux": ("spot", {"sample_ray": lambda ray, w: (ray, w * 0.9)}),
     "constant_ray": ("constant", {"sample_ray": lambda ray, w: (mi.Ray3f(ray.o, -ray.d), w)}),
     "directional_weight": ("directional", {"sample_direction": lambda ds, w, it: (ds, w * 1.1)}),
     "ray_red": ("point", {"sample_ray": lambda ray, w: (ray, w * (ray.wavelengths / 520 if spectral() else 1))}),

@@ -23,7 +23,7 @@ ATTRIBUTES = {
     "part": None,
     "uses_sobol": True,
     "shared": 0,
-    "noise": [0.1 + 0.2, float("nan"), 0.0, float("inf")],
+    "noise": [0.1 + 0.2, float("nan"), float("inf")],
     "estimates": [[4.5, 0.25]],
     "rounds": 1,
     "seconds": 1e-300,

@@ -8,6 +8,8 @@ import pytest
 from running import LIT_FLOOR, done, metadata, pixels, refused, scene_text
 
 OURS = scene_text('<integrator type="prosim"><integer name="samples" value="4"/></integrator>', LIT_FLOOR)
+PATH = '<integrator type="path"/>'
+DENOISED = f'<integrator type="prosim_denoised">{PATH}</integrator>'
 
 
 def needs_oidn():
@@ -39,16 +41,26 @@ def test_the_raw_image_is_never_lost(scene):
     assert b"prosim.denoised" not in png.read_bytes()
 
 
-def test_denoise_option_refuses_missing_package_and_nested_denoiser(scene, monkeypatch):
-    """Nothing is begun without the package, nor for an integrator that denoises."""
+def test_denoise_option_refuses_missing_package_and_polarised_light(scene, monkeypatch):
+    """Nothing is begun."""
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "mitsuba_oidn", None)
         refused("pip install 'mitsuba-prosim[denoise]'", "render", scene, "--denoise", code=1)
     needs_oidn()
-    scene.write_text(scene_text('<integrator type="prosim_denoised"><integrator type="path"/></integrator>'))
-    refused("prosim_denoised, already denoises; leave out --denoise", "render", scene, "--denoise")
     scene.write_text(scene_text())
     refused("denoising: light is unpolarised here", "render", scene, "--denoise", "-m", "llvm_ad_mono_polarized")
+
+
+def test_prosim_denoised_and_denoise_option_make_one_image(scene):
+    """Also with a target, and with both; the verdict tells the error."""
+    needs_oidn()
+    images = list[np.ndarray]()
+    for text, option in ((PATH, "--denoise"), (DENOISED, "--denoise"), (DENOISED, "--seed=0")):
+        scene.write_text(scene_text(text, LIT_FLOOR))
+        assert "denoised: " in done("render", scene, "--noise", 0.002, "--max-samples", 8, option).stdout
+        images.append(pixels(scene.with_suffix(".exr")))
+    assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
+    refused("--checkpoint with prosim_denoised: replace it", "render", scene, "--noise", 0.1, "--checkpoint")
 
 
 def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(scene):

@@ -65,8 +65,14 @@ class RenderTask:
 
     @property
     def integrator(self) -> Any:
-        """The scene's integrator."""
-        return self.scene.integrator()
+        """The scene's integrator, or the one that prosim_denoised nests."""
+        integrator: Any = self.scene.integrator()
+        return integrator.nested if "denoised.R" in integrator.aov_names() else integrator
+
+    @property
+    def denoise(self) -> bool:
+        """Whether the image is denoised, by the option or by prosim_denoised."""
+        return bool(self.job.denoise) or self.integrator is not self.scene.integrator()
 
     @cached_property
     def about(self) -> dict[str, Any]:
@@ -82,11 +88,15 @@ class RenderTask:
         """
         job, film, integrator = self.job, self.sensor.film(), self.integrator
         refuse_scalar(", ".join(name for name in TARGETS if getattr(integrator, name, 0)), job.variant)
-        if job.denoise:
-            check_denoising(film, integrator)
+        if self.denoise:
+            check_denoising(film)
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
         if option:
             rendering.require_progressive(integrator, option)
+            if integrator is not self.scene.integrator():
+                raise ValueError(
+                    f"{option} with prosim_denoised: replace it by the integrator that it nests, and give --denoise"
+                )
         if self.begin is not None and self.begin.about.get("digest") != self.about["digest"]:
             raise ValueError(
                 f"{job.scene} is not the scene of this state: its text has changed, or a mesh or a picture that it "
@@ -235,10 +245,10 @@ def run_steps(
         task.integrator.samples = task.begin.attributes["sampling"]["samples"]
     try:
         final = None
-        if job.denoise:
+        if task.denoise:
             from ..denoising.final_image import denoised_progressive  # which an image without denoising does not need
 
-            final = denoised_progressive(*what, **options)
+            final = denoised_progressive(*what, getattr(task.scene.integrator(), "fast", None), **options)
         render = rendering.progressive(*what, **options) if final is None else final.render
         while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
@@ -330,7 +340,7 @@ def finished_image(
         return {}, [], None
     job, film, added = task.job, task.sensor.film(), dict[str, str]()
     ended, bitmap = end_cause(render, interrupted), film.bitmap()
-    header = report.metadata(job, task.integrator, render.reached, ended, seconds)
+    header = report.metadata(job, task.scene.integrator(), render.reached, ended, seconds)
     if final is not None:
         added = report.denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
@@ -342,13 +352,9 @@ def finished_image(
     return {**contents}, [line], why_black
 
 
-def check_denoising(film: mi.Film, integrator: mi.Integrator | None = None) -> None:
-    """Raises ClickException if the denoiser is not installed, and ValueError if ``film`` stores no colours, or if the
-    ``integrator`` already denoises.
-    """
+def check_denoising(film: mi.Film) -> None:
+    """Raises ClickException if the denoiser is not installed, and ValueError if ``film`` stores no colours."""
     require_extra("denoise", "--denoise")
     from ..denoising.halves import check
 
-    if integrator is not None and "denoised.R" in integrator.aov_names():
-        raise ValueError("the scene's integrator, prosim_denoised, already denoises; leave out --denoise.")
     check(film)

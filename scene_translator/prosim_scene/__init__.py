@@ -26,37 +26,10 @@ if TYPE_CHECKING:
     from .translator import check, document, load, translate
     from .view import distortion_message
 
-__all__ = [
-    "FPS",
-    "FRAME",
-    "TIME",
-    "Document",
-    "Leaf",
-    "Scene",
-    "SceneError",
-    "SceneWarning",
-    "Source",
-    "Span",
-    "TemporaryFolder",
-    "TranslationCache",
-    "View",
-    "check",
-    "distortion_message",
-    "document",
-    "document_of",
-    "format",
-    "guard",
-    "images",
-    "load",
-    "located",
-    "meshes",
-    "parse",
-    "read",
-    "refuse_special",
-    "replace",
-    "rewrite",
-    "translate",
-]
+__all__ = ["Leaf", "Scene", "View", "check", "document", "document_of", "load", "parse", "translate"]
+__all__ += ["FPS", "FRAME", "TIME", "Document", "SceneError", "SceneWarning", "Source", "Span", "TranslationCache"]
+__all__ += ["distortion_message", "format", "images", "located", "meshes", "read", "rewrite"]
+__all__ += ["TemporaryFolder", "guard", "refuse_special", "replace"]
 
 #: The modules that define the public names. They are imported in this order until a name is found, because the import
 #: of all modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.

@@ -163,9 +163,10 @@ def test_method_reaches_integrator_and_materials(variant_rgb, write_scene, recwa
     "english, portuguese",
     [
         ("METHOD adaptive none threshold 1", "METODO limiar 1 adaptativo = nenhuma"),
-        ("METHOD fresnel thesis facets gaussian", "METODO fresnel tese facetas gaussiana"),
-        ("METHOD cutoff .1 multiple-scattering TRUE", "método: corte .1 espalhamento-múltiplo SIM"),
-        ("DEFAULT $way = thesis METHOD adaptive $way", "METODO adaptativo tese"),
+        (
+            "METHOD fresnel thesis facets gaussian cutoff .1 multiple-scattering TRUE",
+            "método: fresnel tese facetas gaussiana corte .1 espalhamento-múltiplo SIM",
+        ),
         ("METHOD", ""),
     ],
 )

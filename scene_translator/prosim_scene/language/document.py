@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from ..model import Leaf, Operator, Scene
@@ -70,8 +71,12 @@ class Document:
 
     def surface_name(self, index: int) -> str:
         """Returns the name of a SURFACE in the text, where primitives of named solids have that of their solid."""
-        spans = {i: self.spans.get(("surfaces", i)) for i in self.scene.surfaces}
-        return f"SURFACE {min(i for i, span in spans.items() if span == spans[index])}"
+        return f"SURFACE {self.first_surfaces[self.spans.get(('surfaces', index))]}"
+
+    @cached_property
+    def first_surfaces(self) -> dict[Span | None, int]:
+        """A dictionary from each place of a SURFACE in the text to the lowest of the indices that it has."""
+        return {self.spans.get(("surfaces", i)): i for i in sorted(self.scene.surfaces, reverse=True)}
 
     def operands_note(self, number: int) -> str:
         """Returns a note on the operands of the nearest - or * above a node, or "": users often write an operator

@@ -119,11 +119,13 @@ def _shapes(
     surface_of_medium: dict[Hashable, int] = {medium_key(scene, leaf): leaf.index for leaf in reversed(first_leaves)}
     result: Node = {}
     for key, mesh in sorted(triangles.items(), key=lambda item: groups[item[0].material][0]):
-        numbers = [scene.leaves[i][0] for i in groups[key.material]]
         number, leaf = scene.leaves[groups[key.material][0]]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
-        names = [*dict.fromkeys(document.name_of(number, whole=True) for number in numbers)]
+        names: list[str] = []  # the first four
+        for i in groups[key.material]:
+            if len(names) < 4 and (name := document.name_of(scene.leaves[i][0], whole=True)) not in names:
+                names.append(name)
         leaf_names = ", ".join(names[:3]) + ", ..." * (len(names) > 3)
         name = f"surface_{leaf.index}"
         while name in result:

@@ -81,6 +81,7 @@ KINDS = {
     "mark.ply": b"\xef\xbb\xbf" + ply("ascii"),
     "utf-16.ply": ply("ascii").decode().encode("utf-16"),
     "returns.ply": ply("ascii").replace(b"\n", b"\r"),
+    "last-return.ply": ply("binary_little_endian").replace(b"end_header", b"end_header\r"),
     "line-ends.ply": ply("ascii").replace(b"\n", b"\r\n \r\n").replace(b"\r\n \r\n", b"\r\n", 11),
     "binary.stl": stl(),
     "text.stl": stl(binary=False),

@@ -17,7 +17,7 @@ NAMES = {"i1": "char int8", "u1": "uchar uint8", "i2": "short int16", "u2": "ush
 NAMES |= {"u4": "uint uint32", "f4": "float float32", "f8": "double float64"}
 TYPES = {name: kind for kind, names in NAMES.items() for name in names.split()}
 ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-HEADER = re.compile(rb"ply[ \t]*(\r\n|\r|\n).*?\1end_header[ \t]*\1", re.DOTALL)
+HEADER = re.compile(rb"ply[ \t]*(\r\n|\r|\n).*?\1end_header[ \t]*\r??\1", re.DOTALL)
 #: The possible names of texture coordinates in PLY files.
 UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.

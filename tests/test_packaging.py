@@ -76,7 +76,7 @@ OLDEST = ("mitsuba==3.9.0", 'numpy==1.26.*; python_version < "3.13"', "lark==1.2
 #: What the tests import, without mitsuba-oidn, which is built for the Dr.Jit of Mitsuba 3.9.1.
 WITHOUT_DENOISING = (
     f"{ROOT}[cluster,compare,editors,watch]",
-    *("hatchling", "ipykernel", "ipywidgets", "nbclient", "playwright"),
+    *("hatchling", "ipykernel", "nbclient", "playwright"),
     *("pytest", "pytest-lsp", "pytest-xdist", "scipy"),
 )
 

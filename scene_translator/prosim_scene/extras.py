@@ -8,7 +8,7 @@ EXTRAS = {
     "compare": ["matplotlib", "flip_evaluator", "jinja2"],
     "denoise": ["mitsuba_oidn"],
     "editors": ["pygls"],
-    "notebooks": ["ipywidgets"],
+    "notebooks": ["IPython"],
     "watch": ["starlette", "uvicorn"],
 }
 

@@ -13,7 +13,7 @@ BYTE_ORDER_MARKS = BOM_UTF8, BOM_UTF16_LE, BOM_UTF16_BE
 
 def read(path: AnyPath) -> str:
     """Reads the text of a scene file, as :func:`decode` does. Raises SceneError if the file cannot be read or is too
-    large, and if it seems to be UTF-16 without a byte order mark.
+    large, and if it begins like a binary file, or like UTF-16 without a byte order mark.
     """
     path = Path(path)
     try:
@@ -24,8 +24,8 @@ def read(path: AnyPath) -> str:
     except OSError as error:
         raise SceneError(error.strerror or str(error), path) from None
     text = decode(data)
-    if "\0" in text[:2]:  # probably UTF-16 without a byte order mark
-        raise SceneError("the text is not UTF-8; save the file as UTF-8", path)
+    if "\0" in text[:16]:  # an image, for example, or UTF-16 without a byte order mark
+        raise SceneError("this is not a text in UTF-8; give a scene, and save it as UTF-8", path)
     return text
 
 

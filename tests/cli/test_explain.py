@@ -49,7 +49,7 @@ def test_page_of_parallel_rays_has_the_image_without_rays(write_scene):
         ([], "Missing option '--pixel'"),
         (["--pixel", "1,1", "-m", "scalar_rgb"], "prosim explain: scalar_rgb"),
         (["--pixel", "1,1", "-o", "/proc/no/page.html"], "the result can't be written"),
-        (["--pixel", "1,1", "-o", "page.exr"], "expected a name or a folder for .html files"),
+        (["--pixel", "1,1", "-o", "page.exr"], "give a name or a folder for .html"),
         (["--pixel", "1,1", "-s", "1"], "sensor"),
         (["--pixel", "1,1", "--spp", "1000000"], "spp is 1000000; give a number from 1 to 16384"),
     ],

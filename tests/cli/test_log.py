@@ -134,9 +134,9 @@ SIGNALS = "SIGALRM SIGCHLD SIGCONT SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR
 
 WINDOWS = f"""if True:
     import builtins, contextlib, importlib, os, pkgutil, signal, sys
-    import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm.auto
+    import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm
     others = "ctypes.util distributed flip_evaluator jinja2 matplotlib mitsuba_oidn pygls.lsp.server"
-    for name in [*others.split(), "starlette.applications", "uvicorn.main", "ipywidgets"]:
+    for name in [*others.split(), "starlette.applications", "uvicorn.main"]:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     for module, lacks in ((os, "{OS}"), (signal, "{SIGNALS}")):

@@ -74,9 +74,9 @@ def test_resume_refuses_another_scene(lamp, tmp_path):
     refused("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
     assert "The render was finished before. To improve" in done("resume", state).stdout
-    refused(f"not the state of a render. Did you mean {state}?", "resume", tmp_path / "a.exr")
-    refused("the state of a render, not a scene. To continue it: prosim resume ", "render", state)
-    refused("is the state of a render, not a part of an image", "merge", state)
+    refused("is no checkpoint", "resume", tmp_path / "a.exr")
+    refused("this is not a text", "render", state)
+    refused("is the state of a whole image, not a part of one; continue it by prosim resume", "merge", state)
     saved, here = checkpoint.load(state), environment.this_environment()
     for other, says in [
         ({"environment": here | {"mitsuba-prosim": "0.0.9"}}, "mitsuba-prosim 0.0.9 there"),
@@ -112,7 +112,7 @@ def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
         assert prosim("render", lamp, "-o", tmp_path / "a b", "--part", "2/3", *every).exit_code != 0
     refused("a b.2-of-3.npz is not finished", "merge", *parts)
     done("resume", second)
-    assert f"finished: prosim merge '{tmp_path}/a b'.*-of-3.npz\n" in done("resume", second).stdout
+    assert "When all parts are finished, prosim merge" in done("resume", second).stdout
     assert "can be removed, unless" in done("merge", *parts, "-o", tmp_path / "b").stdout
     assert alike(tmp_path / "whole", tmp_path / "b")
     done("render", lamp, "-o", tmp_path / "few", *every, "--spp", 4, "--checkpoint")

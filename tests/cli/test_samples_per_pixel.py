@@ -46,7 +46,7 @@ def by_denoiser(path):
 
 
 def by_notebook(path):
-    pytest.importorskip("ipywidgets")
+    pytest.importorskip("IPython")
     mitsuba_prosim.show(path, spp=SPP)
 
 

@@ -291,7 +291,7 @@ def test_encodings(tmp_path):
     assert prosim_scene.parse(text).lights[0].angle == 20
     for encoding in ("utf-16-le", "utf-16-be", "utf-32"):
         path.write_bytes(text.encode(encoding))
-        with pytest.raises(SceneError, match="the text is not UTF-8"):
+        with pytest.raises(SceneError, match="this is not a text in UTF-8"):
             prosim_scene.read(path)
 
 

@@ -16,7 +16,7 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from . import files
-from .files import PART_FILE, SCENE_FILE, STATE_FILE, image_stem, quoted_path
+from .files import FILE, SCENE_FILE, image_stem
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
 from .render_task import STATE_SUFFIX, SUFFIXES, render_and_write
@@ -54,7 +54,7 @@ def render(job: Job) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("state", type=STATE_FILE)
+@click.argument("state", type=FILE)
 @job_options(*TARGET_OPTIONS, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
@@ -82,14 +82,14 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
     render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
         click.echo(
-            f"The render was finished before. When all parts are finished: prosim merge {quoted_path(state)}"
+            "The render was finished before. When all parts are finished, prosim merge makes the image of them."
             if record.part
             else "The render was finished before. To improve the image, add another target, such as --noise or --time."
         )
 
 
 @click.command(cls=Command)
-@click.argument("part_files", metavar="PART...", type=PART_FILE, nargs=-1, required=True)
+@click.argument("part_files", metavar="PART...", type=FILE, nargs=-1, required=True)
 @job_options("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
 def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:

@@ -14,9 +14,6 @@ from ..engine.render import Render
 from ..scene.channels import mixed
 from ..scene.images import compress, luminance, png
 
-#: The layers that every picture has, except for a coarse picture.
-LAYERS = ("final", "error", "samples")
-
 #: Names of layers, and the factors by which :meth:`.Picture.mixed` multiplies them.
 Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
 
@@ -68,8 +65,8 @@ class Picture:
 
 
 def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.ndarray]:
-    """Returns the :data:`LAYERS` of a render, and those that the integrator's parameter ``layers`` requests, with names
-    such as ``lights.lamp1``.
+    """Returns the layers ``final``, ``error`` and ``samples`` of a render, and those that the integrator's parameter
+    ``layers`` requests, with names such as ``lights.lamp1``.
     """
     kind, image, estimator = getattr(integrator, "layers", "none"), np.array(render.image()), render.state.estimator
     first = image.shape[2] - len(estimator.channels.aov_names)  # the first AOV; before it are the colours and alpha
@@ -101,18 +98,14 @@ def colours(image: np.ndarray) -> np.ndarray:
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
-def white_of(values: np.ndarray) -> float:
-    """Returns the 99th percentile of a map, which is shown as white; 1 if it is 0 or not finite."""
-    return finite_or_none(np.percentile(values, 99)) or 1.0
-
-
-def as_png(values: np.ndarray, factor: float | np.float32 = 1.0, effort: int = -1) -> bytes:
-    """Returns a PNG file of a layer: of colours times ``factor`` with compressed highlights, or of a map as a grey
-    image. ``effort`` is the compression level of zlib.
+def as_png(values: np.ndarray) -> bytes:
+    """Returns a PNG file of a layer: of colours with compressed highlights, or of a map as a grey image, in which the
+    99th percentile is white.
     """
     if values.ndim == 2:
-        return png(np.repeat(values[..., None] / np.float32(white_of(values)), 3, axis=2), effort=effort)
-    return png(compress(values * np.float32(factor)), effort=effort)
+        white = finite_or_none(np.percentile(values, 99)) or 1.0
+        return png(np.repeat(values[..., None] / np.float32(white), 3, axis=2))
+    return png(compress(values))
 
 
 def finite_or_none(value: float) -> float | None:

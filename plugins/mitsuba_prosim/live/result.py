@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import mitsuba as mi
 import numpy as np
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from .. import atomic
 from ..explaining.verdict import verdict
@@ -57,8 +57,13 @@ class Result:
     def __repr__(self) -> str:
         return f"<{self.verdict}>"
 
+    @property
+    def colours(self) -> np.ndarray:
+        """The linear colours of the image, shape (height, width, 3)."""
+        return colours(np.array(self))
+
     def _repr_html_(self) -> str:
-        layers = {"image": colours(np.array(self)), "standard error": self.error, "samples": self.samples}
+        layers = {"image": self.colours, "standard error": self.error, "samples": self.samples}
         figures = (
             f'<figure style="margin: 0"><img style="max-width: 100%" alt="{name}" src="data:image/png;base64,'
             f'{base64.b64encode(as_png(values)).decode()}"><figcaption>{name}</figcaption></figure>'
@@ -91,15 +96,35 @@ def render(
     ``sensor``, ``seed``
         As in ``mi.render``.
     ``progress``
-        Whether to show a bar, which is a widget in a notebook; or a function that gets the progress, 0 to 1.
+        Whether to show a bar; or a function that gets the progress, 0 to 1.
 
     Any integrator that takes samples from a sensor works. Raises RuntimeError in scalar variants and without a variant,
     ValueError for wrong arguments, and the errors of loading the scene.
     """
+    with reporter(progress) as report:
+        return converge(
+            "render", scene, lambda image, _: report(image.progress), noise, time, spp, denoise, sensor, seed
+        )
+
+
+def converge(
+    caller: str,
+    scene: AnyScene,
+    follow: Callable[[ProgressiveImage, bool], object],
+    noise: float = 0.0,
+    time: float = 0.0,
+    spp: int = 0,
+    denoise: bool = False,
+    sensor: int | mi.Sensor = 0,
+    seed: int = 0,
+) -> Result:
+    """Does what :func:`render` does for ``caller``. After each work item, ``follow`` gets the image, and whether it
+    should be drawn now; the render ends early if it returns true.
+    """
     if spp and (noise or time):
-        raise ValueError("render: spp gives each pixel exactly so many samples; leave it out with noise and time")
+        raise ValueError(f"{caller}: spp gives each pixel exactly so many samples; leave it out with noise and time")
     limits = {name: check_positive(name, value) for name, value in (("noise", noise), ("time", time)) if value}
-    loaded = load("render", scene)
+    loaded = load(caller, scene)
     integrator: Any = loaded.integrator() or create("path")
     if "denoised.R" in integrator.aov_names():  # prosim_denoised
         integrator, denoise = integrator.nested, True
@@ -107,27 +132,25 @@ def render(
         integrator = create("prosim_adaptive", nested=integrator)
     sensor = pick_sensor(loaded, sensor) if isinstance(sensor, int) else sensor
     image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
+    interrupted = False
     with ExitStack() as stack:
-        report = stack.enter_context(reporter(progress))
         for name, value in (limits | {"adaptive": "graded"} if limits else {}).items():
             stack.callback(setattr, integrator, name, getattr(integrator, name))  # restores the value
             setattr(integrator, name, value)
-        while not image.done:
-            image.step()
-            report(image.progress)
+        while not (image.done or interrupted):
+            interrupted = follow(image, image.step()) is True
     layers, reached = image.layers(), image.render.reached
     if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
         reached = image.reached
     bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
-    shown = layers["final"]
     return Result(
         mi.TensorXf(layers["final"]) if denoise else image.render.image(),
-        layers["error"],
-        layers["samples"],
+        layers.get("error", image.render.error()),
+        image.render.counts(),
         reached.noise,
         bound,
-        black.reason(loaded, sensor, shown, "Multiplied by 2^{} it is bright")
-        or verdict(image.render, image.final, integrator=integrator),
+        black.reason(loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright")
+        or verdict(image.render, image.final, interrupted, integrator),
     )
 
 

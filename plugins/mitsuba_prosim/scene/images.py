@@ -103,15 +103,13 @@ def is_whole(content: bytes) -> bool | None:
     return checksum(unsigned).encode() == stored[1]
 
 
-def png(image: np.ndarray, facts: Mapping[str, str] | None = None, effort: int = -1) -> bytes:
+def png(image: np.ndarray, facts: Mapping[str, str] | None = None) -> bytes:
     """Returns the content of a PNG file (sRGB, 8 bits) with a linear image, shape (height, width, 3); values outside
-    [0, 1] are clipped.
-
-    ``facts`` are the metadata. ``effort`` is the compression level of zlib, 1 to 9; -1 for the default level.
+    [0, 1] are clipped. ``facts`` are the metadata.
     """
     stream = mi.MemoryStream()
     shown = mi.Bitmap(image).convert(component_format=mi.Struct.Type.UInt8, srgb_gamma=True)
     for name, fact in (facts or {}).items():
         shown.metadata()[name] = fact
-    shown.write(stream, mi.Bitmap.FileFormat.PNG, effort)
+    shown.write(stream, mi.Bitmap.FileFormat.PNG)
     return stream.raw_buffer()

@@ -14,7 +14,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from gains import DEPTH, NESTED, PATHS
-from measure import Run, arguments, begin, interval, reference, render_in_turn
+from measure import Run, arguments, begin, interval, reference, render_in_turn, tone_mapped_error
 from mitsuba_prosim.compare import measures
 from subjects import BUILT, Subject
 
@@ -55,7 +55,7 @@ def slope(curve: list[Run]) -> np.ndarray:
     def fitted(k: np.ndarray) -> np.ndarray:
         """Returns the slope for the rounds with the indices ``k``."""
         costs = [np.median(np.array(run.seconds)[k]) for run in curve]
-        return np.array(measures.slope(costs, [rms(run, k) for run in curve]))
+        return np.polyfit(np.log(costs), np.log([rms(run, k) for run in curve]), 1)[0]
 
     return interval(fitted, len(curve[0].seconds))
 
@@ -85,7 +85,7 @@ def draw(
         assert run.image is not None
         grid[0, column].imshow(measures.display(run.image * scale))
         grid[0, column].set_title(f"{name}, {np.median(run.seconds):.2f} s", fontsize=8)
-        error = measures.tone_mapped_error(run.image * scale, truth * scale)
+        error = tone_mapped_error(run.image * scale, truth * scale)
         grid[1, column].imshow(error, vmax=0.1, cmap="magma")
         grid[1, column].set_title(f"error, RMS {np.sqrt(np.mean(error**2)):.4f}", fontsize=8)
     grid[0, -1].imshow(graded.samples(), cmap="viridis")

@@ -26,9 +26,19 @@ from subjects import NAMES, Subject
 
 #: The first seed of references; measured runs have smaller seeds.
 REFERENCE_SEEDS = 1 << 20
+
+
+def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Root mean square error of the channels of each pixel after a square root, shape (height, width), without
+    clipping.
+    """
+    difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
+    return np.sqrt(np.mean(np.square(difference), axis=2))
+
+
 MEASURES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
-    "tone-mapped": lambda image, reference: measures.tone_mapped_rmse(image, reference) ** 2,
-    "relMSE": measures.relative_mse,
+    "tone-mapped": lambda image, reference: float(np.mean(np.square(tone_mapped_error(image, reference)))),
+    "relMSE": lambda image, reference: float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01))),
     "FLIP": lambda image, reference: measures.flip(image, reference) ** 2,
 }
 

@@ -15,8 +15,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from measure import REFERENCE_SEEDS, Run, arguments, begin, interval, renders, shown
-from mitsuba_prosim.compare import measures
+from measure import REFERENCE_SEEDS, Run, arguments, begin, interval, renders, shown, tone_mapped_error
 from subjects import NAMES, Subject, lamp, rgb, sphere, stage, with_film
 
 COPPER = {"type": "prosim_conductor", "material": "Cu"}
@@ -68,7 +67,7 @@ def main() -> None:
         truth = np.mean([ours.render(REFERENCE_SEEDS + seed)[0] for seed in range(20)], axis=0)
         scale = 0.25 / truth.mean()
         for run, of in zip(pair, images):
-            tone = [measures.tone_mapped_error(image * scale, truth * scale) for image in of]
+            tone = [tone_mapped_error(image * scale, truth * scale) for image in of]
             run.errors = [[np.mean(t**2), np.percentile(t, 99.9) ** 2] for t in tone]
 
         def difference(k: np.ndarray) -> np.ndarray:

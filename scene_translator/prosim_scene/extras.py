@@ -5,7 +5,7 @@ from importlib.util import find_spec
 #: Extra -> the modules that it needs.
 EXTRAS = {
     "cluster": ["distributed", "cryptography"],
-    "compare": ["matplotlib", "flip_evaluator", "jinja2"],
+    "compare": ["flip_evaluator", "jinja2"],
     "denoise": ["mitsuba_oidn"],
     "editors": ["pygls"],
     "notebooks": ["IPython"],

@@ -1,22 +1,15 @@
 """``prosim compare``: its measures against known values, its page against its own figures."""
 
-import importlib.util
-import json
 import re
-from collections import defaultdict
-from copy import deepcopy
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cli.progress import Progress
-from mitsuba_prosim.compare import comparison_page, measures, runs
+from mitsuba_prosim.compare import measures, runs
 from mitsuba_prosim.compare.methods import ComparedScene, Spec
 from mitsuba_prosim.scene.scene_file import SceneFile
 from running import LIT_FLOOR, done, refused, scene_text
-
-#: Whether the package that denoises is there: the page has its rows then.
-DENOISES = importlib.util.find_spec("mitsuba_oidn") is not None
 
 SCENE = scene_text(
     """<integrator type="prosim">
@@ -32,30 +25,17 @@ SCENE = scene_text(
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    """(page, facts) of a comparison at tiny size."""
+    """The page of a comparison at tiny size, and what the command prints."""
     folder = tmp_path_factory.mktemp("compare")
     (folder / "little.xml").write_text(SCENE)
-    arguments = ["prosim", "path:multijitter", "--rounds", "2", "--sqrt-spp", "2,3", "--exposure", "-1"]
+    arguments = ["prosim", "path:multijitter", "--rounds", "2", "--exposure", "-1"]
     arguments += ["--reference-seconds", "0", "-m", "llvm_ad_rgb"]
     phases, show = set(), Progress.show
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Progress, "show", lambda bar, ready, phase: phases.add(phase) or show(bar, ready, phase))
-        done("compare", folder / "little.xml", *arguments, *(["--denoise"] if DENOISES else []))
+        printed = done("compare", folder / "little.xml", *arguments).stdout
     assert {"reference of all paths", "rendering in turn"} <= phases
-    stem = folder / "little-compare"
-    return stem.with_suffix(".html").read_text("utf-8"), json.loads(stem.with_suffix(".json").read_text())
-
-
-@pytest.mark.slow
-def test_page_of_one_round_has_no_ranges(report, monkeypatch):
-    facts = deepcopy(report[1])
-    monkeypatch.setattr(comparison_page, "encode", lambda *_: defaultdict(str))
-    monkeypatch.setattr(comparison_page, "chart", lambda _: "")
-    for row in (row for section in facts["sections"] for row in section["rows"]):
-        for measure in (value for value in row.values() if isinstance(value, dict) and "least" in value):
-            measure["least"] = measure["most"] = measure["median"]
-    page = comparison_page.html(facts | {"rounds": 1}, {})
-    assert "</data> round after" in page and "range of the rounds" not in page and "</data> – <data" not in page
+    return (folder / "little-compare.html").read_text("utf-8"), printed
 
 
 # ---- measures
@@ -66,9 +46,6 @@ def test_measures_of_a_known_error():
     image = np.array(reference)
     image[:, :8] = 0.36
     assert measures.rmse(image, reference) == pytest.approx(0.11 / np.sqrt(2))
-    assert measures.tone_mapped_rmse(image, reference) == pytest.approx(0.1 / np.sqrt(2))
-    assert measures.percentile99(image, reference) == pytest.approx(0.1)
-    assert measures.relative_mse(image, reference) == pytest.approx(0.11**2 / 2 / (0.25**2 + 0.01))
 
 
 def test_measures_of_equal_images_and_order_of_unequal_ones():
@@ -78,13 +55,6 @@ def test_measures_of_equal_images_and_order_of_unequal_ones():
     for name, measure in measures.ALL.items():
         equal, near, far = (measure(reference + s * noise, reference) for s in (0, 0.05, 0.3))
         assert far > near > equal == pytest.approx(0, abs=1e-6), name
-
-
-def test_slope_and_equal_error():
-    costs = np.array([1.0, 4, 16])
-    assert measures.slope(costs, 3 / costs) == pytest.approx(-1)
-    assert measures.cost_at(1.0, costs, 3 / costs) == pytest.approx(3)
-    assert measures.cost_at(0.1, costs, 3 / costs) is measures.cost_at(4.0, costs, 3 / costs) is None
 
 
 # ---- runs
@@ -139,31 +109,16 @@ def test_references_converge():
 
 
 @pytest.mark.slow
-def test_comparison_page_has_all_sections_and_rows(report):
-    page, facts = report
-    same, own = facts["sections"]
-    assert (same["transport"], own["transport"]) == ("paths", "scene")
-    roles = ["a", "b at equal samples", "b at equal time"]
-    assert [row["role"] for row in same["rows"]] == roles + DENOISES * [f"{role} denoised" for role in roles]
-    if DENOISES:
-        halves = [row["samples"] for row in same["rows"][3:]]
-        assert 0 < halves[0] <= 8 and halves[1] == pytest.approx(same["rows"][1]["samples"], abs=4)  # samplers round
-        assert "equal samples, denoised" in page
-    assert same["rows"][1]["samples"] == pytest.approx(same["rows"][0]["samples"], abs=2)
-    headings = "RMSE,relMSE,ꟻLIP,Error against samples and time,equal samples,equal time,caustics,slope"
-    assert all(heading in page for heading in headings.split(","))
-    figures = (1 + 3 * 4 * (1 + DENOISES)) + (1 + 4 * (1 + DENOISES))
-    assert page.count("<figure") == page.count("data:image/png") == figures
-
-
-@pytest.mark.slow
-def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(report):
-    page, facts = report
+def test_comparison_page_has_all_rows_and_nothing_in_the_network(report):
+    page, printed = report
+    samples = [float(n) for n in re.findall(r"([\d.]+) samples ", printed)]
+    assert "Light: all paths." in printed and "multijitter at equal time" in printed and len(samples) == 3
+    assert samples[1] == pytest.approx(samples[0], abs=2)
+    assert all(heading in page for heading in ["RMSE", "ꟻLIP", "at equal samples", "at equal time"])
+    assert page.count("<figure") == page.count("data:image/png") == 1 + 3 * 3
     references = re.findall(r'\b(?:src|href)="([^"]*)"', page)
     assert references and all(reference.startswith(("data:image/", "#")) for reference in references)
-    assert "url(" not in page and "@import" not in page
-    numbers = re.findall(r'<data value="([^"]*)"', page)
-    assert len(numbers) > 100 and set(numbers) <= set(re.findall(r"[^][{},: ]+", json.dumps(facts)))
+    assert "url(" not in page and "@import" not in page and len(re.findall(r'<data value="[^"]*"', page)) > 20
 
 
 @pytest.mark.parametrize(
@@ -174,7 +129,6 @@ def test_every_number_on_the_page_is_in_the_json_and_nothing_in_the_network(repo
         (["prosim", "path,max_dept=4,nom=x"], "path has no parameter max_dept, nom\n"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
-        (["--sqrt-spp", "1,1"], "two different numbers"),
     ],
 )
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):

@@ -95,18 +95,10 @@ def _frames(begin: str, end: str | None, step: str | None) -> range:
     return frames
 
 
-def _roots(text: str) -> tuple[int, ...]:
-    roots = sorted(set(map(int, text.split(","))))
-    if len(roots) < 2:
-        raise ValueError("give two different numbers or more")
-    return tuple(roots)
-
-
 RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", integers)
 CROP = PatternType("X,Y,W,H", "10,20,64,48", r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)", integers)
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
-ROOTS = PatternType("N,N,...", "2,3,4", r"(0*[1-9]\d*(?:,0*[1-9]\d*)*)", _roots)
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 #: The port is required, because Dask would wait for ever for a scheduler without a port.
 ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)

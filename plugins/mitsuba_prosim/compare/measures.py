@@ -1,9 +1,7 @@
-"""Error measures between an image and its reference image, and properties of error curves (error against cost).
+"""Error measures between an image and its reference image.
 
 In this module, images are arrays of shape (height, width, 3) with linear colours; white is 1.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,29 +15,6 @@ def display(image: np.ndarray) -> np.ndarray:
 def rmse(image: np.ndarray, reference: np.ndarray) -> float:
     """Root mean squared error of the linear image against the reference, over all pixels and channels."""
     return float(np.sqrt(np.mean(np.square(image - reference))))
-
-
-def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Root mean square error of the channels of each pixel after a square root, shape (height, width), without
-    clipping.
-    """
-    difference = np.sqrt(np.maximum(image, 0)) - np.sqrt(np.maximum(reference, 0))
-    return np.sqrt(np.mean(np.square(difference), axis=2))
-
-
-def tone_mapped_rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Root mean square of :func:`tone_mapped_error` over the pixels."""
-    return float(np.sqrt(np.mean(np.square(tone_mapped_error(image, reference)))))
-
-
-def percentile99(image: np.ndarray, reference: np.ndarray) -> float:
-    """99th percentile of :func:`tone_mapped_error` over the pixels."""
-    return float(np.percentile(tone_mapped_error(image, reference), 99))
-
-
-def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
-    """Mean of the squared error divided by (the squared reference value plus 0.01). Source: Rousselle et al. (2011)."""
-    return float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01)))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -58,23 +33,4 @@ def flip(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 #: Name of a measure -> its function of an image and its reference.
-ALL = {f.__name__: f for f in (rmse, tone_mapped_rmse, percentile99, relative_mse, flip)}
-
-
-def slope(costs: Sequence[float], errors: Sequence[float]) -> float:
-    """Slope of an error curve in a log-log plot: -0.5 for independent samples, and -1 for ideally stratified ones."""
-    return float(np.polyfit(np.log(costs), np.log(errors), 1)[0])
-
-
-def cost_at(error: float, costs: Sequence[float], errors: Sequence[float]) -> float | None:
-    """Cost at which an error curve reaches the value ``error``, by linear interpolation of the logarithms; None if all
-    errors are above it, or if already the error at the lowest cost is below it.
-    """
-    order = np.argsort(costs)
-    x, y = np.log(np.asarray(costs, float)[order]), np.log(np.asarray(errors, float)[order])
-    # The true error never grows with the cost. Where the measured error grows, the smaller error is used.
-    y = np.minimum.accumulate(y)
-    log_error = np.log(error)
-    if not y[-1] <= log_error <= y[0]:
-        return None
-    return float(np.exp(np.interp(-log_error, -y, x)))
+ALL = {"rmse": rmse, "flip": flip}

@@ -13,7 +13,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..denoising.final_image import denoised_progressive
 from ..scene import rendering, scene_file
 from ..scene.background import with_background_emitter
 
@@ -76,20 +75,15 @@ class Method:
     sensor: mi.Sensor
     integrator: mi.Integrator
     spp: int = 0
-    #: Whether the image is denoised; the denoiser needs two halves of the samples.
-    denoised: bool = False
 
     def render(self, seed: int) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Renders an image; returns it (height, width, 3), the sample counts (height, width), the elapsed seconds, and
         the processor seconds per thread.
         """
         start, start_cpu = time.perf_counter(), time.process_time()
-        spp = self.spp and rendering.samples_taken(self.integrator, self.sensor, self.spp, 1 + self.denoised)
-        what = self.scene, self.sensor, self.integrator, seed, spp
-        final = denoised_progressive(*what) if self.denoised else None
-        render = (rendering.progressive(*what) if final is None else final.render).run()
-        # Without a denoiser, no second image is complete, and the list has the image alone.
-        image = render.half_images()[0] if final is None else final.denoised().final
+        spp = self.spp and rendering.samples_taken(self.integrator, self.sensor, self.spp)
+        render = rendering.progressive(self.scene, self.sensor, self.integrator, seed, spp).run()
+        image = render.half_images()[0]
         seconds, cpu = time.perf_counter() - start, time.process_time() - start_cpu
         return image[..., :3], render.counts(), seconds, cpu / max(dr.thread_count(), 1)
 

@@ -98,7 +98,7 @@ class Reference:
         #: The standard error of a channel, as the root mean square over pixels and channels.
         self.error = float(np.sqrt(np.sum(weights**2 * variance)))
         #: RMS difference of the mean images of the two estimators, divided by its expected value from noise; 1 means
-        #: that they agree. None if there is only one estimator, or no noise.
+        #: that they agree. None without noise.
         self.disagreement: float | None = None
         if len(mean) > 1 and variance.all():
             self.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / variance.sum()))

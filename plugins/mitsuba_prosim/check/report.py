@@ -1,9 +1,8 @@
-"""What a check found: results, their table, their JSON and their pictures."""
+"""What a check found: results and their table."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
@@ -29,7 +28,7 @@ class Result:
 
     ``statistic`` is what was measured, and ``where`` tells the angles, the component or the parameter of a typical
     deviation. A statistical test has a ``p_value``; its verdict depends on the number of statistical tests, see
-    :meth:`Report.finish`. ``picture`` is a pair of arrays (density, histogram).
+    :meth:`Report.finish`.
     """
 
     test: str
@@ -37,7 +36,6 @@ class Result:
     statistic: str = ""
     where: str = ""
     p_value: float | None = None
-    picture: Any = field(default=None, repr=False)
     variant: str = field(default_factory=lambda: mi.variant() or "")
 
     def line(self, times: int) -> str:
@@ -137,19 +135,3 @@ class Report:
             worst = max(results, key=lambda r: (VERDICTS.index(r.verdict), -1 if r.p_value is None else -r.p_value))
             lines.append(worst.line(len(results)))
         return "\n".join(lines)
-
-    def json(self) -> dict[str, Any]:
-        """Returns the report as dictionaries, lists, texts and numbers."""
-        rows = [{k: v for k, v in vars(result).items() if k != "picture"} for result in self.results]
-        return {"plugin": self.plugin, "kind": self.kind, "ok": self.ok, "results": rows}
-
-    def write_pictures(self, folder: Path) -> list[Path]:
-        """Writes a PNG image of density, samples and difference for each failed chi-squared test; returns the paths."""
-        wrong = [r.picture for r in self.results if r.verdict == FAILS and r.picture is not None]
-        paths = [folder / f"check-{self.plugin}-{i}.png" for i in range(len(wrong))]
-        for (density, samples), path in zip(wrong, paths):
-            panels = np.array([density, samples, np.abs(samples - density)])
-            panels /= max(np.quantile(panels, 0.999), 1e-6)
-            framed = np.hstack([np.pad(np.kron(panel, np.ones((6, 6))), 2, constant_values=0.2) for panel in panels])
-            mi.util.write_bitmap(str(path), framed, write_async=False)
-        return paths

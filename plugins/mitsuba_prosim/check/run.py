@@ -65,7 +65,6 @@ PATIENCE = 300
 
 def check(
     source: str | Path | Mapping[str, Any],
-    kind: str | None = None,
     *,
     node: int = 0,
     modules: Sequence[str] = (),
@@ -73,17 +72,15 @@ def check(
 ) -> Report:
     """Tests a plugin in the active variant, and compares it with other variants; returns the report.
 
-    ``source``, ``node`` and ``modules`` are those of :class:`.Subject`. If ``kind`` is not None, a plugin of another
-    kind raises TypeError. ``begun`` is called with the name of each test when it begins. Raises Mitsuba's errors for a
-    plugin that cannot be loaded.
+    ``source``, ``node`` and ``modules`` are those of :class:`.Subject`. ``begun`` is called with the name of each test
+    when it begins. Raises TypeError for a kind of plugin without tests, and Mitsuba's errors if it can't be loaded.
     """
     subject = Subject(source, node, modules)
     loaded = subject.load()
     name = next((name for name in KINDS if isinstance(loaded, getattr(mi, name))), type(loaded).__name__)
-    found = KINDS.get(name)
-    if found is None or found != (kind or found):
-        raise TypeError(f"{subject.name} is a {name}; there are tests for {kind or ', '.join(KINDS)}")
-    report = Report(subject.name, found)
+    if name not in KINDS:
+        raise TypeError(f"{subject.name} is a {name}; there are tests for {', '.join(KINDS)}")
+    report = Report(subject.name, KINDS[name])
     tests = {one.__name__: one for one in Tests.__subclasses__()}[name]
     for test, run in tests(subject, report).tests():
         begun(test)
@@ -131,7 +128,7 @@ def check_apart(variant: str, source: str | Path | Mapping[str, Any], **how: Any
     if isinstance(message, Exception):
         raise message
     if isinstance(message, str):
-        message = Report(str(source["type"] if isinstance(source, Mapping) else source), how.get("kind") or "plugin")
+        message = Report(str(source["type"] if isinstance(source, Mapping) else source))
         message.add("the process survives", FAILS, f"the plugin {end}", f"in the test: {test}")
     return message
 

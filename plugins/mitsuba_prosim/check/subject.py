@@ -38,15 +38,16 @@ REFUSED = (RuntimeError, ValueError, TypeError, KeyError, AttributeError)
 class Subject:
     """A plugin that can be loaded again.
 
-    ``source`` is the name of a type, a dictionary as of ``mi.load_dict``, XML text, or the path of a scene file.
-    ``node`` is the number of the plugin's node in the parsed scene, 0 for the whole. ``modules`` are names or .py files
-    of modules that register plugins.
+    ``source`` is the name of a type, a dictionary as of ``mi.load_dict``, or the path of a scene file. ``node`` is the
+    number of the plugin's node in the parsed scene, 0 for the whole. ``modules`` are names or .py files of modules that
+    register plugins.
     """
 
     def __init__(self, source: str | Path | Mapping[str, Any], node: int = 0, modules: Sequence[str] = ()) -> None:
-        if isinstance(source, str) and not source.lstrip().startswith("<"):
+        if isinstance(source, str):
             source = Path(source) if Path(source).suffix else {"type": source}
-        self.source, self.node, self.modules = source, node, tuple(modules)
+        self.source: Path | Mapping[str, Any] = source
+        self.node, self.modules = node, tuple(modules)
         self._states: dict[str, Any] = {}
 
     def set_variant(self, variant: str) -> None:
@@ -77,12 +78,9 @@ class Subject:
         if isinstance(self.source, Path):
             self._folder = TemporaryFolder()
             return scene_file.SceneFile(self.source, self._folder.path).state
-        if isinstance(self.source, str):
-            state = mi.parser.parse_string(config, self.source)
-        else:
-            plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
-            defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
-            state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
+        plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
+        defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
+        state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
         scene_file.check_parameters(state)
         mi.parser.transform_resolve_references(config, state)
         return state

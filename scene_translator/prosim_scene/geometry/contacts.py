@@ -7,28 +7,25 @@ wide. Therefore the mesh of the ball shrinks by the chord error of the pipe, and
 surface of the ball stays within the tolerance. No mesh protrudes from its solid, so solids that touch from outside,
 such as a pipe on a floor, do not cross either.
 
-A flat lens that touches a large ball with its flat side would become much narrower, and a marble on the floor of a vast
-cavity much smaller. There the outer mesh is circumscribed instead: its facets touch the face, and its vertices lie
-outside, by the chord error at most. In a chain of contacts, such as a bubble in a ball in a pipe, the mesh of the pipe
-then also grows by the chord error of the ball. All solids that are connected by contacts shrink, or all of them grow.
+In a chain of contacts, such as a bubble in a ball in a pipe, the chord errors of the ball and the pipe add up, so the
+meshes of a longer chain are finer.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from .grouping import connect, group_equal, sweep
+from .grouping import group_equal, sweep
 from .primitives import Primitive
 from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
 STEPS = 16  # the number of steps that improve a tangent plane
-LONGEST = 4  # meshes become finer with the length of a chain of contacts up to this number of contacts
-FINEST = 1 / 4  # solids grow if shrinking would need meshes with less than this part of the chord error
+SMALLEST = 1e-3  # the smallest scale of a solid, which a warning names, because its face is far off
+NEAR = 5  # how many chord errors of the outer mesh may lie between a face and the outer face that it touches
 
 
 class Contacts(NamedTuple):
@@ -37,43 +34,29 @@ class Contacts(NamedTuple):
     ``inner``. Solids whose curved faces lie on one surface have the number of the first of them.
 
     If the curved face of the outer solid is scaled by ``reach`` (k,), it just encloses the inner solid. If the inner
-    solid grows by a part of its size, this factor grows by at most ``gain`` (k,) times this part. If the inner solid
-    shrinks by a part of its size, this factor falls by at least ``loss`` (k,) times this part.
+    solid shrinks by a part of its size, this factor falls by at least ``loss`` (k,) times this part.
     """
 
     inner: np.ndarray
     outer: np.ndarray
     reach: np.ndarray
-    gain: np.ndarray
     loss: np.ndarray
 
-    def shares(self, allowed: np.ndarray, smallest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns, for each of n solids, the share of the tolerance that is the chord error of its mesh, and whether
-        outer solids grow, so that inner solids need not shrink.
+    def shares(self, allowed: np.ndarray) -> np.ndarray:
+        """Returns, for each of n solids, the share of the tolerance that is the chord error of its mesh.
 
-        ``allowed`` (n,) is the tolerance relative to the size of each solid, and ``smallest`` (n,) is the chord error
-        of the finest mesh. The share is 1 over the number of chord errors that are added in the longest chain of
-        contacts to which the solid belongs, or less: the error of a solid also moves those solids of the chain whose
-        tolerance is smaller. If solids grow, chains count up to LONGEST, and the share of an outer solid is smaller,
-        because its mesh is scaled, and its chord error with it.
+        ``allowed`` (n,) is the tolerance relative to the size of each solid. The share is 1 over the number of chord
+        errors that are added in the longest chain of contacts to which the solid belongs, or less: the error of a solid
+        also moves those solids of the chain whose tolerance is smaller.
         """
-        below, above = np.zeros(len(allowed), int), np.zeros(len(allowed), int)
-        growth, shrinkage = allowed.copy(), allowed.copy()  # the largest errors that move no solid too far
-        pairs = list(zip(self.inner.tolist(), self.outer.tolist(), self.gain.tolist(), self.loss.tolist()))
-        for inner, outer, _, loss in pairs:
+        below, above, error = np.zeros(len(allowed), int), np.zeros(len(allowed), int), allowed.copy()
+        pairs = list(zip(self.inner.tolist(), self.outer.tolist(), self.loss.tolist()))
+        for inner, outer, loss in pairs:
             below[outer] = max(below[outer], below[inner] + 1)
-            shrinkage[outer] = min(shrinkage[outer], shrinkage[inner] * loss)
-        for inner, outer, gain, _ in reversed(pairs):
+            error[outer] = min(error[outer], error[inner] * loss)
+        for inner, outer, _ in reversed(pairs):
             above[inner] = max(above[inner], above[outer] + 1)
-            if below[inner]:
-                growth[inner] = min(growth[inner], growth[outer] / gain)
-        length = below + above
-        shrinkage /= 1 + length
-        coarse = (length > LONGEST) | (shrinkage < np.maximum(smallest, FINEST * allowed / (1 + length)))
-        label = connect(np.arange(len(allowed)), self.inner, self.outer)
-        grows = np.isin(label, label[coarse & (length > 0)])
-        growth /= np.clip(length, 1, LONGEST) * np.where(below > 0, 1 + 2 * np.minimum(allowed, 0.1), 1)
-        return np.where(grows, growth, shrinkage) / allowed, grows
+        return np.asarray(error / (1 + below + above) / allowed)
 
 
 def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
@@ -90,13 +73,13 @@ def find_contacts(solids: Sequence[Solid]) -> Contacts:
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
-    found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0), np.empty(0)]]
+    found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
     for inner, outer, relative, hulls, normals in _enclosed(solids, order):
         primitive = solids[outer[0]].primitive
-        reach, gain, loss = _reach(primitive, relative, hulls, normals)
-        near = 1 - (LONGEST + 1) * np.array([1 - solids[j].inradius for j in outer])
+        reach, loss = _reach(primitive, relative, hulls, normals)
+        near = 1 - NEAR * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE)
-        found.append([column[touches] for column in (first[inner], first[outer], reach, gain, loss)])
+        found.append([column[touches] for column in (first[inner], first[outer], reach, loss)])
     contacts = Contacts(*(np.concatenate(column) for column in zip(*found)))
     sorting = np.argsort(order[contacts.outer], kind="stable")
     return Contacts(*(column[sorting] for column in contacts))
@@ -161,8 +144,8 @@ def _highest(primitive: Primitive, relative: np.ndarray, hulls: np.ndarray) -> t
 
 def _reach(
     primitive: Primitive, relative: np.ndarray, hulls: np.ndarray, normals: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Returns the columns ``reach``, ``gain`` and ``loss`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the columns ``reach`` and ``loss`` of :class:`Contacts` for the pairs of :func:`_enclosed`.
 
     The height of the inner solid over a tangent plane is a convex function of the normal, so it never falls if the
     point with the largest height defines the next normal.
@@ -177,41 +160,21 @@ def _reach(
         radius = np.linalg.norm(points[:, :axes], axis=1)
         normals[:, :axes] = points[:, :axes] / np.maximum(radius, 1e-300)[:, None]
     middle = np.linalg.norm(offset[:, :axes], axis=1)
-    linear = linear * hulls.sum(axis=1)[:, None, None]
     if primitive.name != "cone":
-        return radius, np.linalg.norm(linear[:, :axes], 2, (1, 2)), radius - middle
+        return radius, radius - middle
     width = np.maximum(points[:, 2], 1e-300)  # the radius of the cone at the height of the contact
     reach, height = radius / width, offset[:, 2]
-    top = height + np.linalg.norm(linear[:, 2], axis=1)
-    return reach, math.sqrt(2) * np.linalg.norm(linear, 2, (1, 2)) / width, (reach * height - middle) / top
+    top = height + hulls.sum(axis=1) * np.linalg.norm(linear[:, 2], axis=1)
+    return reach, (reach * height - middle) / top
 
 
-def adapt(solids: Sequence[Solid], contacts: Contacts, grows: np.ndarray) -> tuple[list[Solid], np.ndarray]:
-    """Returns the solids with ``scale`` and ``facet_map`` changed so that the meshes of outer solids enclose those of
-    inner solids; and, for each solid, the largest distance of its mesh from the curved face, relative to the radius of
-    this face (n,).
-
-    ``grows`` (n,) is that of :meth:`Contacts.shares`. If solids grow in a chain of more than LONGEST contacts, the
-    tolerance counts more than the order of the meshes.
+def adapt(solids: Sequence[Solid], contacts: Contacts) -> tuple[list[Solid], np.ndarray]:
+    """Returns the solids with ``scale`` changed so that the meshes of outer solids enclose those of inner solids; and,
+    for each solid, the largest distance of its mesh from the curved face, relative to the radius of this face (n,).
     """
     first = first_on_surface(solids)
-    inradius = np.array([s.inradius for s in solids])
-    scale, radius, depth = np.ones(len(solids)), np.ones(len(solids)), np.zeros(len(solids), int)
-    for i, j, reach, gain, _ in zip(*contacts):
-        if depth[i] < LONGEST:
-            reach += (radius[i] - 1) * gain
-        if grows[j] and reach > inradius[j]:
-            depth[j] = max(depth[j], depth[i] + 1)
-            radius[j] = max(radius[j], reach / inradius[j], 1 / inradius[j])
-    for i, j, reach, _, loss in reversed(list(zip(*contacts))):
-        if not grows[j]:
-            scale[i] = min(scale[i], 1 - max(reach - scale[j] * inradius[j], 0) / loss)
-    adapted = []
-    for solid, j in zip(solids, first):
-        facet_map, factor = solid.facet_map, scale[j] * radius[j]
-        # The facets of a ball are circumscribed before a projective map concentrates them.
-        if radius[j] > 1 and solid.primitive.axes == 3:
-            widened = 1 / solid.inradius
-            facet_map, factor = facet_map * [widened, widened, widened, 1], radius[j] / widened
-        adapted.append(replace(solid, facet_map=facet_map, scale=factor))
-    return adapted, np.maximum(radius - 1, 1 - scale * inradius)[first]
+    inradius, scale = np.array([s.inradius for s in solids]), np.ones(len(solids))
+    for i, j, reach, loss in reversed(list(zip(*contacts))):
+        shrunk = 1 - max(reach - scale[j] * inradius[j], 0) / loss
+        scale[i] = max(min(scale[i], shrunk), SMALLEST)
+    return [replace(s, scale=scale[j]) for s, j in zip(solids, first)], (1 - scale * inradius)[first]

@@ -126,18 +126,16 @@ def with_segments(
             pixel, visible[numbers] = primitive.pixel(np.array([solids[i].to_world for i in numbers]), camera)
             allowed[numbers] = np.where(visible[numbers], 1, OUTSIDE_TOLERANCE) * tolerance * pixel
     chosen, reached = choose_segments(document, solids, zones, camera, tolerance, np.ones(len(solids)))
-    contacts, grows = find_contacts(chosen), np.zeros(len(solids), bool)
+    contacts = find_contacts(chosen)
     if len(contacts.outer):
-        smallest = (1 - np.cos([s.primitive.segment_factor * math.pi / MAX_SEGMENTS for s in solids])) * visible
-        shares, grows = contacts.shares(allowed, smallest)
-        chosen, reached = choose_segments(document, solids, zones, camera, tolerance, shares)
+        chosen, reached = choose_segments(document, solids, zones, camera, tolerance, contacts.shares(allowed))
     if reached > tolerance:
         document.warn(
             f"curved faces are approximated to {reached:.2g} pixels instead of {tolerance:g}: "
             f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
             "csg",
         )
-    chosen, distances = adapt(chosen, contacts, grows)
+    chosen, distances = adapt(chosen, contacts)
     doubtful = visible & (distances > reached / tolerance * ROUNDED * allowed)
     doubtful &= [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in chosen]
     errors = {i: _largest_error(chosen[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
@@ -208,8 +206,8 @@ def _warn_of_coarse_faces(document: Document, errors: dict[int, float], of_leaf:
     document.warn(
         f"curved faces are up to {errors[worst[0]]:.2g} pixels off instead of {tolerance:g}: "
         f"{document.names_of(leaves)}; "
-        f"{MAX_SEGMENTS} segments in a circle are too few so near to the eye; use a smaller primitive, "
-        "or keep only the visible part of a SPHERE (* with a CUBE)",
+        f"{MAX_SEGMENTS} segments in a circle are too few so near to the eye, or where a much larger face touches "
+        "this one; use a smaller primitive, or keep only the visible part of a SPHERE (* with a CUBE)",
         "csg",
         document.scene.leaves[leaves[0]][0],
     )

@@ -27,7 +27,7 @@ class Solid:
     share a curved surface, their meshes have the same facets on this surface: those of the owner of the surface, the
     largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
     owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
-    mesh of the curved face is multiplied by ``scale``, which is above 1 only if another solid touches the face from
+    mesh of the curved face is multiplied by ``scale``, which is below 1 only if the face touches another one from
     inside.
     """
 

@@ -19,7 +19,7 @@ from prosim_scene.mitsuba import assemble
 from prosim_scene.model import Leaf
 from test_mesh_files import obj
 
-pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning", "error::RuntimeWarning")
 
 METAL = "metal"
 GLASS, WATER = (f"material dieletrico n-refr = {n}" for n in (1.5, 1.33))
@@ -63,7 +63,7 @@ def media_of_the_tree(text, origin, direction):
         [(near[0], far[0]) for near, far in pairs] for pairs in exact_csg.intervals(read, origin[None], direction[None])
     ]
     times = np.unique([t for pairs in ends for near, far in pairs if near < far for t in (near, far)])
-    result, now = [], None
+    times, result, now = times[np.isfinite(times)], [], None
     for begin, end in zip(times, [*times[1:], np.inf]):
         if end - begin < 1e-6:
             continue
@@ -73,7 +73,7 @@ def media_of_the_tree(text, origin, direction):
         if after != now:
             result.append(now)
         now = after
-    return result
+    return result + [now] * (now is not None)  # of a half-space, which has no end
 
 
 def medium_of(read, leaf):

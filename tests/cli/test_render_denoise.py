@@ -121,7 +121,7 @@ def test_wrong_factors_and_images(image, tmp_path):
     for factor in ("key", *(f"key={value}" for value in ("bright", "nan", "inf", "-1", "1e99", "50%"))):
         refused("LAYER=FACTOR", "mix", image, factor)
     refused("several factors", "mix", image, "key=1", "key=2")
-    refused("two.xml is not a readable EXR image", "mix", tmp_path / "two.xml", "key=1")
+    refused("is a Mitsuba scene; render it by prosim render", "mix", tmp_path / "two.xml", "key=1")
     for size, says in (500, "is damaged, or another program has changed it"), (50, "not a readable EXR"):
         (tmp_path / "cut.exr").write_bytes(image.read_bytes()[:size])
         refused(says, "mix", tmp_path / "cut.exr", "key=1")

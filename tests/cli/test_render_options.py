@@ -151,20 +151,28 @@ def test_progress_is_shown_from_the_beginning(scene, monkeypatch):
 @pytest.mark.parametrize(
     "command, path, says",
     [
-        *[(name, "mug", "File 'mug' does not exist.\n") for name in ("render", "compare", "watch", "resume", "mix")],
-        *[(name, "mug.exr", "this is not a text in UTF-8") for name in ("render", "translate", "format")],
-        *[(name, "mug.scn", "is no checkpoint; give a file by") for name in ("resume", "merge")],
-        ("mix", "mug.scn", "is not a readable EXR image"),
+        *[(name, "mug", "does not exist. Did you mean mug.scn?\n") for name in ("render", "compare", "watch", "mix")],
+        ("render", "scense/jug.scn", "File 'scense/jug.scn' does not exist.\n"),
+        *[(name, "mug.exr", "is an image; prosim mix") for name in ("render", "translate", "format", "resume")],
+        *[(name, "image", "this is not a text in UTF-8") for name in ("render", "translate")],
+        *[(name, "text", "is no checkpoint; give a file by") for name in ("resume", "merge")],
+        *[(name, "mug.npz", "continue it by prosim resume") for name in ("render", "mix", "translate")],
+        *[
+            (name, "pipe.xml", "is a Mitsuba scene; render it by prosim render")
+            for name in ("translate", "resume", "mix")
+        ],
+        ("mix", "text", "is not a readable EXR image"),
         *[(name, "/dev/zero", "a device or a pipe") for name in ("render", "translate", "watch", "mix", "merge")],
         ("render", "pipe.xml", "a device or a pipe"),
-        ("resume", "pipe.xml", "a device or a pipe"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, monkeypatch, command, path, says):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.xml")
-    Path("mug.scn").write_text("SCENE")
-    Path("mug.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(40))
+    for name in "mug.scn", "mug.npz", "text":
+        Path(name).write_text("SCENE")
+    for name in "mug.exr", "image":
+        Path(name).write_bytes(b"\x76\x2f\x31\x01" + bytes(40))
     refused(says, command, path, *["a=1"] * (command == "mix"), folder=tmp_path)
 
 

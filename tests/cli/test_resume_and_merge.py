@@ -74,8 +74,7 @@ def test_resume_refuses_another_scene(lamp, tmp_path):
     refused("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))
     assert "The render was finished before. To improve" in done("resume", state).stdout
-    refused("is no checkpoint", "resume", tmp_path / "a.exr")
-    refused("this is not a text", "render", state)
+    refused("is the state or a part of a render; continue it by prosim resume", "render", state)
     refused("is the state of a whole image, not a part of one; continue it by prosim resume", "merge", state)
     saved, here = checkpoint.load(state), environment.this_environment()
     for other, says in [

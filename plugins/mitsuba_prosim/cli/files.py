@@ -4,6 +4,7 @@ them.
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping
@@ -15,25 +16,44 @@ import click
 from .. import atomic
 from .option_types import InputError
 
+#: Suffix of a file that a command does not read -> what the file is, and which command reads it.
+USES = {
+    ".npz": "the state or a part of a render; continue it by prosim resume, or merge all parts by prosim merge",
+    ".exr": "an image; prosim mix changes the lamps of an image with layers",
+    ".png": "an image, not the scene of one",
+    ".xml": "a Mitsuba scene; render it by prosim render",
+    ".scn": "a scene in the thesis's language; render it by prosim render",
+}
+
 
 class InputFile(click.Path):
-    """The click type of an argument that names an existing file or, if ``pipes``, a pipe, but not one with XML, which
-    Mitsuba reads several times.
+    """The click type of an argument that names an existing file with one of the suffixes ``read``, or with another one
+    that is not in :data:`USES`. A scene may be a pipe, but not one with XML, which Mitsuba reads several times.
     """
 
-    def __init__(self, pipes: bool = False) -> None:
+    def __init__(self, *read: str) -> None:
         super().__init__(exists=True, dir_okay=False, path_type=Path)
-        self.pipes = pipes
+        self.read = read
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Returns the path of the file; raises BadParameter for a file that is missing or not allowed."""
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if not path.is_file() and not (self.pipes and path.is_fifo() and path.suffix.lower() != ".xml"):
+        path = Path(os.fsdecode(value))
+        try:
+            super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            files = os.listdir(path.parent) if path.parent.is_dir() else []
+            near = [f" Did you mean {path.with_name(name)}?" for name in difflib.get_close_matches(path.name, files, 1)]
+            self.fail("".join([error.message, *near]), param, ctx)
+        suffix = path.suffix.lower()
+        if suffix in USES and suffix not in self.read:
+            self.fail(f"'{path}' is {USES[suffix]}.", param, ctx)
+        if not path.is_file() and not (path.is_fifo() and ".scn" in self.read and suffix != ".xml"):
             self.fail(f"'{path}' is a device or a pipe; give a file.", param, ctx)
         return path
 
 
-FILE, SCENE_FILE = InputFile(), InputFile(pipes=True)
+SCENE_FILE, LANGUAGE_FILE = InputFile(".scn", ".xml"), InputFile(".scn")
+STATE_FILE, IMAGE_FILE = InputFile(".npz"), InputFile(".exr")
 
 #: Suffixes of files that a user might want, but no command writes.
 FOREIGN = re.compile(r"\.(bmp|exr|gif|hdr|html|jpe?g|mp4|npz|pfm|png|scn|svg|tiff?|webp|xml)")

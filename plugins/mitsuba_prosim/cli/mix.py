@@ -13,7 +13,7 @@ import OpenEXR
 from ..scene import images
 from ..scene.channels import mixed, of_channels, parse_factor
 from . import files
-from .files import FILE
+from .files import IMAGE_FILE
 from .job import Command, Job, job_options
 from .option_types import InputError, PatternType
 from .render_task import SUFFIXES
@@ -27,7 +27,7 @@ FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(.+=[\d.,]*\d[\d.,]*)", parse_f
 
 
 @click.command(cls=Command)
-@click.argument("image", type=FILE)
+@click.argument("image", type=IMAGE_FILE)
 @click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
 @job_options("output", "exposure", "variant")
 def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:

@@ -16,7 +16,7 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from . import files
-from .files import FILE, SCENE_FILE, image_stem
+from .files import SCENE_FILE, STATE_FILE, image_stem
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
 from .option_types import input_errors, option
 from .render_task import STATE_SUFFIX, SUFFIXES, render_and_write
@@ -54,7 +54,7 @@ def render(job: Job) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("state", type=FILE)
+@click.argument("state", type=STATE_FILE)
 @job_options(*TARGET_OPTIONS, "output", "exposure", "verbose", "threads", "workers", "cluster")
 @scene_option
 def resume(job: Job, state: Path, moved: Path | None) -> None:
@@ -89,7 +89,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
 
 
 @click.command(cls=Command)
-@click.argument("part_files", metavar="PART...", type=FILE, nargs=-1, required=True)
+@click.argument("part_files", metavar="PART...", type=STATE_FILE, nargs=-1, required=True)
 @job_options("output", "exposure", "checkpoint", "verbose", "threads")
 @scene_option
 def merge(job: Job, part_files: tuple[Path, ...], moved: Path | None) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 import prosim_scene
 
-from .files import SCENE_FILE
+from .files import LANGUAGE_FILE
 from .job import Command, Job, job_options
 from .option_types import input_errors, option
 
@@ -15,7 +15,7 @@ TARGETS = click.Choice(["prosim", "stock"])
 
 
 @click.command(cls=Command)
-@click.argument("scene", type=SCENE_FILE)
+@click.argument("scene", type=LANGUAGE_FILE)
 @job_options("definitions", "resolution", "allow_outside", "samples", "light_units", "tolerance")
 @option(
     "Output", "-o", "--output", type=click.Path(file_okay=False), help="Folder to write to.", show_default="the scene's"
@@ -37,7 +37,7 @@ def translate(job: Job, target: str, check: bool) -> None:
 
 
 @click.command("format")
-@click.argument("scenes", type=SCENE_FILE, nargs=-1, required=True)
+@click.argument("scenes", type=LANGUAGE_FILE, nargs=-1, required=True)
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a layout is not canonical.")
 def format_scene(scenes: tuple[Path, ...], check: bool) -> None:
     """Rewrite SCENES, in the thesis's scene language, in canonical layout; words and numbers stay as they are."""

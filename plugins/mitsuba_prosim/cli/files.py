@@ -20,7 +20,6 @@ from .option_types import InputError
 USES = {
     ".npz": "the state or a part of a render; continue it by prosim resume, or merge all parts by prosim merge",
     ".exr": "an image; prosim mix changes the lamps of an image with layers",
-    ".png": "an image, not the scene of one",
     ".xml": "a Mitsuba scene; render it by prosim render",
     ".scn": "a scene in the thesis's language; render it by prosim render",
 }
@@ -75,7 +74,7 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
     if output is None:
         return default
     path = Path(os.path.expanduser(output))
-    if output.endswith(("/", os.sep)) or path.is_dir():
+    if output and (output.endswith(("/", os.sep)) or path.is_dir()):
         return path / default.name
     suffix = path.suffix.lower()
     if suffix in suffixes:

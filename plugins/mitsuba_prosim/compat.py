@@ -2,7 +2,8 @@
 
 The comment above a function or constant describes the property on which the code relies, and names the version and, if
 there is one, the upstream issue. Other workarounds are in the modules ``alone`` (one thread at a time), ``registry``
-(variants), ``llvm``, ``light.emitter_methods`` and ``transport.workarounds`` (BSDFs that ignore the type mask).
+(variants), ``llvm``, ``light.emitter_methods`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in
+the package ``stock_command``.
 """
 
 from __future__ import annotations
@@ -266,6 +267,18 @@ RESERVED = ("config", "filename")
 
 #: The files of a conductor's ``material`` in Mitsuba's search path; {} is the name of the material.
 MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
+
+
+#: The plugins of Mitsuba 3.9 that are written in Python, which the command ``mitsuba`` can't run.
+PLUGINS_IN_PYTHON = (
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+    "direct_projective",
+    "volprim_rf_basic",
+    "flat_sensor",
+)
 
 
 #: The plugins of Mitsuba 3.9 that end the process without a message unless they have one of these parameters.

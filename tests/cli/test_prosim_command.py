@@ -5,11 +5,13 @@ import sys
 
 import mitsuba as mi
 import numpy as np
+import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.scene import session
+from mitsuba_prosim.stock_command import stand_ins
 from prosim_scene import extras
 from prosim_start import group
-from running import PALITO, done, metadata, names, pixels, prosim, refused
+from running import PALITO, compiled, done, metadata, names, pixels, prosim, refused
 
 
 def test_render_of_xml_imports_no_translator(scene):
@@ -51,6 +53,20 @@ def test_translate_writes_all_or_nothing(palito):
     assert 'type="prosim' not in palito.with_suffix(".xml").read_text()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the stand-ins exist for Linux only")
+def test_doctor_reports_missing_stand_ins_in_one_line(palito, monkeypatch, tmp_path_factory):
+    """As where the package comes from a wheel. Nothing at all is no trouble, some are."""
+    folder = tmp_path_factory.mktemp("plugins")
+    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
+    monkeypatch.setattr(llvm, "problem", lambda: None)
+    assert "prosim link" in prosim("translate", palito).stderr
+    assert "to enable this: prosim link" in done("doctor").stdout
+    (folder / "nrook.so").write_bytes(stand_ins.MARK)
+    assert "prosim link" not in prosim("translate", palito).stderr
+    result = prosim("doctor")
+    assert result.exit_code == 1 and "can't run direct_projective, " in result.stdout
+
+
 def test_unknown_commands(palito):
     for word, hint in [
         ("rneder", "Did you mean 'render'?"),
@@ -86,7 +102,7 @@ def test_format(palito):
 
 def test_doctor(monkeypatch):
     printed = prosim("doctor").stdout
-    assert mi.__version__ in printed and "llvm_ad_rgb" in printed
+    assert "mitsuba         " in printed and mi.__version__ in printed and "llvm_ad_rgb" in printed
     monkeypatch.setattr(llvm, "version", lambda: (15, 0, 6))
     monkeypatch.setattr(llvm.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(session, "has_backend", lambda variant: variant.startswith("scalar"))
@@ -96,3 +112,23 @@ def test_doctor(monkeypatch):
     assert result.exit_code == 1 and "abort the process" in printed
     assert "not cuda_ad_rgb" in printed and "which need an NVIDIA GPU with its driver" in printed
     assert "compare needs no_such_module; to get it: pip install 'mitsuba-prosim[compare]'" in printed
+
+
+@compiled
+def test_link_and_unlink(tmp_path, monkeypatch):
+    """The plugins of Mitsuba stay."""
+    (tmp_path / "path.so").write_bytes(b"Mitsuba's own")
+    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: tmp_path)
+    for _ in range(2):
+        done("link")
+    linked = {*names(tmp_path)} - {"path.so"}
+    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_ins.installed()) == {name[:-3] for name in linked}
+    done("link", "--remove")
+    assert names(tmp_path) == ["path.so"]
+
+
+@pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
+def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
+    monkeypatch.setenv("CC", compiler)
+    with pytest.raises(RuntimeError, match="the C compiler failed"):
+        stand_ins.compile_stand_in(tmp_path / "a.so")

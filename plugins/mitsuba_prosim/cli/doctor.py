@@ -11,11 +11,12 @@ from prosim_scene import extras
 
 from .. import llvm
 from ..scene import session
+from ..stock_command import stand_ins
 
 
 @click.command()
 def doctor() -> None:
-    """Print versions, variants, LLVM, extras and remedies for problems.
+    """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and remedies for problems.
 
     The exit code is 1 if there are problems, else 0.
     """
@@ -35,6 +36,17 @@ def doctor() -> None:
     row("LLVM", f"{'.'.join(map(str, llvm_version))}, {llvm.library()}" if llvm_version else "none")
     if problem := llvm.problem():
         problems.append(problem)
+
+    if sys.platform == "linux":
+        installed = stand_ins.installed()
+        if not installed:
+            row("mitsuba", "the mitsuba command can't run plugins in Python; to enable this: prosim link")
+        elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
+            problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
+        else:
+            row("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
+    else:
+        row("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
 
     for extra in sorted(extras.EXTRAS):
         row(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")

@@ -7,6 +7,7 @@ from typing import Any
 import click
 import prosim_scene
 
+from ..stock_command import stand_ins
 from .files import LANGUAGE_FILE
 from .job import Command, Job, job_options
 from .option_types import input_errors, option
@@ -34,6 +35,8 @@ def translate(job: Job, target: str, check: bool) -> None:
             prosim_scene.check(job.scene, **options)
             return
         click.echo(prosim_scene.translate(job.scene, folder, **options))
+    if target == "prosim" and sys.platform == "linux" and not stand_ins.installed():
+        click.echo("Render it by prosim render; for the mitsuba command, run once: prosim link", err=True)
 
 
 @click.command("format")

@@ -79,7 +79,7 @@ def test_a_frame_is_rendered_again_where_an_option_has_changed(film):
     for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--denoise"], ["--noise", 0.05]:
         assert rendered(film, *options, *other) == (2, 0), other
     assert rendered(film, *options, *other) == (0, 2)
-    assert rendered(film, *options, "--fps", 30) == (1, 1)  # the first is at the time 0
+    assert rendered(film, *options, *other, "--fps", 30) == (1, 1)  # the first is at the time 0
 
 
 def test_frames_share_kernels(film):

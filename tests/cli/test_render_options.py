@@ -16,7 +16,7 @@ from mitsuba_prosim.scene.errors import with_line, with_suggestion
 from running import LIT_FLOOR, PALITO, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
-NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9"]
+NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snapshots 2s"]
 
 
 @pytest.mark.parametrize(
@@ -42,9 +42,12 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9"]
         ("--layers levels --paths", "--layers levels: --paths has no maximum depth"),
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
+        ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--noise-99 0.1 -m scalar_rgb", "--noise-99: scalar_rgb"),
         ("-D a\udcff=1", "a?: Mitsuba reads only names and values in UTF-8"),
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
+        ("--snapshots 0.1,4s", "errors or times, not both"),
+        ("--snapshots x", "X,X"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
         ("--samples 2 -m scalar_rgb", "--samples: scalar_rgb"),

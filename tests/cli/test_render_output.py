@@ -252,6 +252,22 @@ def test_a_signal_is_heard_in_a_long_pass(scene):
     assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
 
 
+def test_snapshots_are_images_of_one_render(noisy):
+    """Their own error and counts are in the metadata; the last image is that of a render without them."""
+    done("render", noisy, "--noise", 0.0001, "-o", noisy.with_name("alone"))
+    done("render", noisy, "--snapshots", "1,0.0002,0.0001")
+    found = {noise: metadata(noisy.with_name(f"scene.{noise}.exr")) for noise in ("1", "0.0002", "0.0001")}
+    assert all(float(found[noise]["noise"]) <= float(noise) for noise in found)
+    counts = [float(header["samples"]) for header in found.values()]
+    assert counts == sorted(counts) and counts[0] == 4  # of the first pass
+    for name in "alone.exr", "scene.0.0001.exr":
+        assert np.array_equal(pixels(noisy.with_suffix(".exr")), pixels(noisy.with_name(name)))
+    ended = done("render", noisy, "--noise", 1, "--snapshots", "1,0.0000001")
+    assert "--snapshots 0.0000001: not written, because the render ended earlier" in ended.stderr
+    done("render", noisy, "--snapshots", "0.1s,0.2s")
+    assert noisy.with_name("scene.0.2s.exr").exists()
+
+
 # ---- Black pictures
 
 
@@ -318,6 +334,7 @@ COMPARE = "prosim", "path", "--rounds", 1, "--reference-seconds", 0
         ("scene.exr scene.png", ["render"]),
         ("scene.state.npz", ["render", "--checkpoint"]),
         ("scene.1-of-1.npz", ["render", "--part", "1/1"]),
+        ("scene.9.exr", ["render", "--snapshots", "9"]),
         ("scene.0000.exr scene.0000.png", ["render", "--frames", "0"]),
         ("a-mix.exr", ["mix", "lamp1=0.5"]),
         pytest.param("scene-compare.html", ["compare", *COMPARE], marks=pytest.mark.slow),

@@ -28,7 +28,7 @@ INTEGRATOR = ("samples", "caustics", "max_level", "layers", "max_samples", "adap
 #: Fields of a Job for animations.
 ANIMATION = ("frames", "fps")
 #: Fields of a Job that do not change the image.
-RUNNING = ("output", "checkpoint", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
+RUNNING = ("output", "checkpoint", "snapshots", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -73,6 +73,9 @@ class Job:
     )
     exposure: float | None = _output(Number(-64, 64), "Exposure of the PNG in stops.")
     checkpoint: bool = _output(None, "Write checkpoints, NAME.state.npz, from which prosim resume continues.")
+    snapshots: tuple[str, ...] | None = _output(
+        types.SNAPSHOTS, "Also write NAME.0.04.exr when the RMS error is 0.04, or NAME.4s.exr after 4 s."
+    )
     verbose: int = _output(int, "Verbose output; repeat for more.", "-v", count=True, default=0, show_default=False)
 
     definitions: Mapping[str, str] = _scene(
@@ -244,9 +247,9 @@ CONFLICTS = (
     ("spp", "samples", "--spp and --samples both set the number of samples; give one of them."),
     (
         "spp",
-        " ".join((*TARGETS, "max_samples", "adaptive")),
-        "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --adaptive and "
-        "--max-samples, which sets a maximum.",
+        " ".join((*TARGETS, "snapshots", "max_samples", "adaptive")),
+        "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --snapshots, --adaptive "
+        "and --max-samples, which sets a maximum.",
     ),
     ("workers", "cluster", "--workers starts local workers, and --cluster names a running cluster; give one of them."),
     ("part", "workers cluster", "--part is for machines without a connection; leave out --part with a cluster."),
@@ -258,6 +261,7 @@ CONFLICTS = (
         "graded. Where the machines are connected, --cluster does all that.",
     ),
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
+    ("snapshots", "denoise part frames", "--snapshots writes raw single images; leave out the other option."),
     ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw image; give one of them."),
     (
         "layers=lights",
@@ -274,8 +278,8 @@ def make_job(options: dict[str, Any]) -> Job:
     """Returns the job for ``options``, field of a :class:`Job` -> value; if there is a variant, sets it and loads the
     plugins.
 
-    Raises UsageError if options contradict each other, InputError if the variant cannot do them, and the errors of
-    :func:`choose_variant`.
+    The last of the snapshots becomes the limit that ends the render, if there is no other limit. Raises UsageError if
+    options contradict each other, InputError if the variant cannot do them, and the errors of :func:`choose_variant`.
     """
     given = {name for name, value in options.items() if value} | {f"layers={options.get('layers')}"}
     if options.get("max_level") not in (None, -1):
@@ -286,15 +290,19 @@ def make_job(options: dict[str, Any]) -> Job:
             raise click.UsageError(message)
     if "fps" in given and "frames" not in given:
         raise click.UsageError("--fps is for films; add --frames.")
-    if given & {*TARGETS} and not POLICIES[options.get("adaptive") or "graded"].unbounded:
+    if given & {*TARGETS, "snapshots"} and not POLICIES[options.get("adaptive") or "graded"].unbounded:
         raise click.UsageError(
-            f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise and --time."
+            f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise, --time and "
+            "--snapshots."
         )
     options["scene"] = str(options.get("scene") or "")
+    if (snapshots := options.get("snapshots")) and not given & set(TARGETS):
+        seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
+        options.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
     options["definitions"] = dict(options.get("definitions", ()))
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])
-        progressive = [*TARGETS, "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster"]
+        progressive = [*TARGETS, "snapshots", "max_samples", "adaptive", "checkpoint", "part", "workers", "cluster"]
         progressive += ["samples"] if options["scene"].lower().endswith(".xml") else []
         refuse_scalar(option_names(name for name in progressive if name in given), options["variant"])
     return Job(**options)

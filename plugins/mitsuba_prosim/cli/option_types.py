@@ -95,10 +95,20 @@ def _frames(begin: str, end: str | None, step: str | None) -> range:
     return frames
 
 
+def _snapshots(text: str) -> tuple[str, ...]:
+    snapshots = tuple(text.split(","))
+    if len({snapshot.endswith("s") for snapshot in snapshots}) > 1:
+        raise ValueError("give errors or times, not both")
+    if not all(float(snapshot.removesuffix("s")) > 0 for snapshot in snapshots):
+        raise ValueError("give errors and times above 0")
+    return snapshots
+
+
 RESOLUTION = PatternType("WxH", "640x480", r"(\d+)[xX](\d+)", integers)
 CROP = PatternType("X,Y,W,H", "10,20,64,48", r"(\d+),(\d+),0*([1-9]\d*),0*([1-9]\d*)", integers)
 PART = PatternType("K/M", "3/16", r"(\d{1,4})/(\d{1,4})", lambda number, of: Part(int(number), int(of)))
 FRAMES = PatternType("A:B[:STEP]", "0:48, 0:48:2 or 7", r"(\d{1,6})(?::(\d{1,6})(?::0*([1-9]\d*))?)?", _frames)
+SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.?\d+s?)*)", _snapshots)
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 #: The port is required, because Dask would wait for ever for a scheduler without a port.
 ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)

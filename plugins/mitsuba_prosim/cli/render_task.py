@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,6 +20,7 @@ import mitsuba as mi
 from .. import atomic
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
+from ..engine.error_target import SHARE
 from ..engine.plan import TARGETS
 from ..explaining.verdict import end_cause
 from ..scene import black, images, rendering, scene_file, session
@@ -202,10 +203,14 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     single image is interrupted before its first sample, the process exits with 128 plus the number of the signal, or
     with 1.
     """
-    state = Path(f"{task.stem}{task.state_suffix}")
-    write = CheckpointWriter(state, task.about) if task.state_suffix else None
+    state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
+    consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     with interruptible(task.integrator.cancel, resources.signals):
-        render, final, seconds = run_steps(task, bar, resources, write)
+        render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots])
+        snapshots(render)
+        if snapshots.left:
+            left = ",".join(snapshots.left)
+            warnings.warn(f"--snapshots {left}: not written, because the render ended earlier", stacklevel=2)
         reached, interruption = render.reached, resources.interruption
         if interruption and not task.facts and reached is not None and reached.samples == 0:
             words = f"{interruption} before the first sample; nothing was written."
@@ -226,12 +231,12 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
 
 
 def run_steps(
-    task: RenderTask, bar: Progress, resources: Resources, write: CheckpointWriter | None
+    task: RenderTask, bar: Progress, resources: Resources, consumers: Sequence[Callable[[Any], None]]
 ) -> tuple[Any, FinalImage | None, float]:
     """Renders the image of ``task``; returns the render, its final image (None without denoising), and the seconds.
 
-    A signal or the loss of the cluster interrupts the render. After each step, ``write`` may write a checkpoint.
-    Raises InputError and other ClickExceptions.
+    A signal or the loss of the cluster interrupts the render. After each step, each of the ``consumers``, such as the
+    writer of checkpoints, is called with the render. Raises InputError and other ClickExceptions.
     """
     job, executor, started = task.job, resources.executor(task.file), perf_counter()
     what = task.scene, task.sensor, task.integrator, job.seed, job.spp or 0
@@ -247,8 +252,8 @@ def run_steps(
         render = rendering.progressive(*what, **options) if final is None else final.render
         while not resources.interruption and (step := next(render, None)) is not None:
             bar.show(step.done)
-            if write is not None and step.done:
-                write(render)
+            for consume in consumers if step.done else ():
+                consume(render)
         render.close()
     except ValueError as error:
         raise InputError(str(error)) from None
@@ -290,6 +295,37 @@ def render_and_write(job: Job, stem: Path, begin: Checkpoint | None = None) -> N
     click.echo(outcome.report)
     if outcome.interruption:
         sys.exit(1)
+
+
+class Snapshots:
+    """Writes snapshots, which are intermediate images, during the render of a task.
+
+    The snapshot ``0.04`` is written to ``NAME.0.04.exr`` when the option ``--noise 0.04`` would end the render, and the
+    snapshot ``4s`` to ``NAME.4s.exr`` after 4 seconds.
+    """
+
+    def __init__(self, task: RenderTask) -> None:
+        self.task, self.left = task, sorted(task.job.snapshots or ())
+
+    def __call__(self, render: Any) -> None:
+        """Writes the snapshots that are due, once each, if the render is progressive and each pixel has a sample."""
+        reached, task = render.reached if self.left else None, self.task
+        if reached is None or not reached.min_samples:
+            return
+        for text in list(self.left):
+            amount = float(text.removesuffix("s"))
+            if text.endswith("s"):  # a render with --time would end now, see ErrorTarget.time_is_up
+                due = reached.seconds >= (1 - SHARE) * amount
+            else:  # a render with --noise, a limit of the RMS error only, would end now
+                due = replace(render.target, limits=(amount, 0)).excess(render.state.noise) <= 1
+            if due:
+                self.left.remove(text)
+                render.update_film()
+                facts = report.metadata(task.job, task.integrator, reached, None, reached.seconds)
+                facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
+                facts["prosim.ended"] = f"snapshot {text}"
+                exr = images.exr(task.sensor.film().bitmap(), facts)
+                files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
 
 
 def finished_image(

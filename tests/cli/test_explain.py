@@ -56,9 +56,3 @@ def test_page_of_parallel_rays_has_the_image_without_rays(write_scene):
 )
 def test_wrong_use_is_refused_in_one_sentence(write_scene, arguments, message):
     refused(message, "explain", write_scene(XML, "s.xml"), "-m", "llvm_ad_rgb", *arguments)
-
-
-@pytest.mark.parametrize("kind", ["ptracer", "depth"])
-def test_integrator_without_samples_of_pixels_is_refused(write_scene, kind):
-    path = write_scene(scene_text(f'<integrator type="{kind}"/>'), "s.xml")
-    refused("has no samples of pixels", "explain", path, "--pixel", "1,1", "-m", "llvm_ad_rgb")

@@ -533,13 +533,6 @@ def specks(image, by=0.05):
 
 
 @pytest.mark.slow
-def test_sparse_photons_are_no_specks(variant_rgb):
-    world = scene(100, ball=ball({"type": "dielectric"}), lamp=lamp(0.5, 80.0))
-    found = [sum(specks(render(world, k, caustic_photons=1 << n)) for k in range(3)) for n in (13, 18)]
-    assert found[0] <= found[1]  # the focus of the ball
-
-
-@pytest.mark.slow
 def test_photons_of_a_large_glossy_floor_are_no_specks(variant_rgb):
     """Few of the photons that a floor reflects come to what is seen. They made some ten specks an image; now there are
     as few as without photons, but for two in four images.

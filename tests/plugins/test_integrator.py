@@ -27,7 +27,6 @@ from scenes import (
     rectangle,
     rgb,
     slow,
-    sphere_lamp,
     without,
 )
 
@@ -95,35 +94,11 @@ def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):
 # ------------------------------------------------------------------ its own terms
 
 
-def test_ambient_background_and_hidden_sources(variant_rgb):
-    ball = {"type": "prosim_lambertian", "reflectance": rgb(0.5, 0.5, 0.5), "ambient": rgb(0.2, 0.4, 0.6)}
-    own = {"ambient": rgb(0.5, 0.5, 0.5), "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
-    scene = penumbra(ball, type="prosim", **own)
-    scene["light"] = sphere_lamp([0.5, 0.8, 3], 0.5, 0.0)  # before the ball, on the optical axis
-    image = render(without(scene, "floor", "wall", "pole"))
-    assert np.allclose(image[16, 19], [0.1, 0.2, 0.3], atol=1e-6)  # ka I_a: the source in front is not seen
-    assert np.allclose(image[1, 1], [0.1, 0.2, 0.3], atol=1e-6)  # background
-
-
-def test_hidden_sources_light_like_visible_ones(variant_rgb):
-    """Where no source is in view it makes no difference, for paths of any length."""
-    paths = {"type": "prosim", "samples": 2, "adaptive": "none", "max_level": -1, "diffuse_bounces": -1}
-    seen, hidden = (render(penumbra(size=16, hide_emitters=hide, **paths)) for hide in (False, True))
-    assert np.allclose(seen, hidden, rtol=1e-4, atol=1e-6)
-
-
 def test_background_is_seen_in_mirrors_but_lights_nothing(variant_rgb):
     scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", background=rgb(0.1, 0.2, 0.3))
     image = render(without(scene, "light"))
     assert image[25, 3].max() == 0  # the floor
     assert np.abs(image[13, 20] - [0.1, 0.2, 0.3]).max() < 0.2 * 0.3 and image[13, 20].max() > 0
-
-
-def test_max_level_0_follows_nothing(variant_rgb):
-    scene = penumbra({"type": "conductor", "material": "none"}, type="prosim", max_level=0)
-    mirror = render(scene)[13:21, 15:24]
-    # Black, but for the source itself, which belongs to the direct light.
-    assert 0 < (mirror.max(2) > 0).mean() < 0.2
 
 
 def test_without_shadows_nothing_is_dark(variant_rgb):

@@ -115,22 +115,6 @@ def test_scalar_variant_keeps_the_light_too(variant_scalar, tmp_path, case):
         assert ours == pytest.approx(expected, rel=0.1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("plugin", PLUGINS)
-@pytest.mark.parametrize("case", ["tiled", "attribute"])
-def test_photons_of_a_textured_lamp_carry_its_light(variant_rgb, tmp_path, logged, plugin, case):
-    """Through a pane of glass onto a diffuse floor, where only photons bring light; those of an attribute are missing,
-    with a warning.
-    """
-    shape, radiance = textured(case, tmp_path)
-    ball = {"type": "sphere", "center": [0, 0.8, 0], "radius": 0.5, "bsdf": {"type": "dielectric"}}
-    caustics = {"type": "prosim", "adaptive": "none", "caustics": 20000, "hide_emitters": True}
-    scenes = [lit(shape | {"emitter": {"type": plugin, "radiance": value}}, ball=ball) for value in (radiance, 3.0)]
-    ours, expected = (mean(scene, caustics, spp=16, count=2)[0] for scene in scenes)
-    warned = any("'lamp'" in text or "mesh_attribute" in text for _, text in logged)
-    assert (ours == pytest.approx(expected, rel=0.02)) != (case == "attribute") and warned == (case == "attribute")
-
-
 @pytest.mark.parametrize("inner", [None, {"type": "path"}])
 @pytest.mark.parametrize("degrees", [0, 3, 20, 45])
 def test_lamp_with_tilted_normals_causes_warning(variant_rgb, tmp_path, logged, degrees, inner):

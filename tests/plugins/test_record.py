@@ -106,21 +106,6 @@ def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
         assert np.array_equal(finished(scene, begin=put_together(parts))[0], finished(scene)[0]), of
 
 
-def test_a_stopped_part_is_resumed(variant_rgb):
-    scene = copper(size=24, band=100)
-    stopped, *_, last = checkpoints(scene, part=Part(2, 3))[2:]
-    on = checkpoints(scene, begin=stopped)
-    assert on[-1].part == Part(2, 3) and on[-1].finished and not stopped.finished
-    assert all(np.array_equal(on[-1].pixels[name], last.pixels[name]) for name in last.pixels)
-
-
-def test_parts_refuse_noise_and_wrong_numbers(variant_rgb):
-    with pytest.raises(ValueError, match="limits noise and time"):
-        finished(copper(noise=0.01), part=Part(1, 2))
-    with pytest.raises(ValueError, match="part 3 of 2"):
-        Part(3, 2)
-
-
 # ------------------------------------------------------------------ by others
 
 

@@ -470,23 +470,3 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
         transport.space(k, space) for nodes in trees for k, space, _ in explanation_page.node_spaces(transport, nodes)
     }
     assert shown <= asked and len(shown) == len(found) - 1 > 0
-
-
-@pytest.mark.parametrize("part", ["brick", "mortar"])
-def test_lobe_and_texture_of_a_surface_are_those_where_the_ray_ends(variant_rgb, part):
-    """The lobe of a diffuse surface is its cosine. The floor has bricks of the whole width."""
-    colours = {"brick": rgb(0.5, 0.25, 0.125), "mortar": rgb(0.75, 0.5, 0.25)}
-    bricks = {"type": "prosim_brick", "brick_width": 1e6, "brick_height": 0.05, "mortar_width": 0.05, **colours}
-    made = penumbra(None, SIZE, type="prosim")
-    made["floor"]["bsdf"] = {"type": "diffuse", "reflectance": bricks}
-    found = Samples(mi.load_dict(made), (5, 14), 64)
-    height = {k: (node.position[2] / 12 + 0.5) / 0.1 % 1 for k in range(64) for node in found.recorder.nodes(k)[:1]}
-    sample = next(k for k, rows in height.items() if (0.3 < rows < 0.7) == (part == "brick"))
-    node = found.recorder.nodes(sample)[0]
-    vectors, (text,) = explanation_page.surfaces(found.estimator, {0: [node]})[0][0]
-    share = "100% brick, 0% mortar – 0.5 0.25 0.125" if part == "brick" else "0% brick, 100% mortar – 0.75 0.5 0.25"
-    assert text == f"reflectance Brick: {share}"
-    vectors = np.reshape(vectors, (-1, 3))
-    lengths = np.linalg.norm(vectors, axis=1)
-    cosines = vectors @ node.normal / lengths
-    assert lengths == pytest.approx(cosines / cosines.max(), abs=5e-3) and len(lengths) == explanation_page.DIRECTIONS

@@ -20,7 +20,7 @@ import numpy as np
 from .. import atomic
 from ..alone import alone
 from ..compat import PLACE, denormals_rounded, dr_array
-from ..engine.camera import is_perspective, without_crop_window
+from ..engine.camera import coarse_film, is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..registry import PLUGINS, create
@@ -66,7 +66,7 @@ class Explanation:
     noise: tuple[str, ...]
     #: Sentences on the differences between this explanation and the image of the scene; usually none.
     notes: tuple[str, ...]
-    #: What the page draws besides: the patterns of random numbers, lobes, and boxes of shapes.
+    #: What the page draws besides: the patterns of random numbers, and boxes of shapes.
     drawing: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def _repr_html_(self) -> str:
@@ -126,12 +126,8 @@ class Samples:
         integrator: mi.Integrator | None = None,
         seed: int = 0,
         names: Places | None = None,
-        preview: bool = False,
     ) -> None:
-        """Takes all samples of a pixel; ``names`` are the file's :func:`places`; ``preview``: also a coarse image.
-
-        Errors: those of :func:`explain`.
-        """
+        """Takes all samples of a pixel; ``names`` are the file's :func:`places`. Errors: those of :func:`explain`."""
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
         camera = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor)
@@ -141,7 +137,7 @@ class Samples:
             raise ValueError(f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {w - 1},{h - 1}")
         if not 0 <= spp <= MOST_SAMPLES:
             raise ValueError(f"spp is {spp}; give a number from 1 to {MOST_SAMPLES}, or 0 for the integrator's own")
-        integrator = explained_integrator(integrator or scene.integrator(), self.notes)
+        self.integrator = integrator = explained_integrator(integrator or scene.integrator(), self.notes)
         if not film.rfilter().is_box_filter():
             self.notes.append("The film's filter also adds samples of the pixels around to the pixel's value.")
         stored = re.search(r"pixel_format = (\w+)", str(film))
@@ -150,7 +146,6 @@ class Samples:
         #: Column and row of the pixel in the whole film.
         self.where = x + left, y + top
         window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
-        pixels = coarse_pixels(film) if preview else ()
         with alone(), denormals_rounded(), dr.suspend_grad():
             self.estimator: Estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
@@ -160,16 +155,13 @@ class Samples:
             self.recorder, stored_names = Recorder(self.estimator.transport, names or {}), self.estimator.channels.names
             self.channels = tuple(name for name in stored_names[: stored_names.index("W")] if name != "A")
             with window:  # a render takes its samples without it, too
-                self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES), pixels)
+                self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES))
 
-    def _take_all(self, count: int, pixels: tuple[np.ndarray, ...]) -> None:
-        """Takes ``count`` samples of the pixel, and in the same kernel those that tell the shares, and those of
-        :func:`coarse_pixels`.
-        """
+    def _take_all(self, count: int) -> None:
+        """Takes ``count`` samples of the pixel, and in the same kernel those that tell the shares."""
         caustics, values, found = self.estimator.transport.caustics, list[np.ndarray](), list[np.ndarray]()
         pairs = np.arange(noise.PAIRS * (noise.FURTHER + 1))
         more = [lanes(pairs // noise.PAIRS, pairs % noise.PAIRS, *self.where)]
-        more += [lanes(noise.FURTHER, *pixels)] if pixels else []
         size = count if caustics is None else caustics.maps(self.plan.n)
         for first in range(0, count, size):
             if caustics is not None:
@@ -181,8 +173,6 @@ class Samples:
         #: The values of all samples, shape (samples, channels), their luminance, and the :func:`.noise.shares`.
         self.values, self.luminance = np.concatenate(values)[:, 1:], np.concatenate(values)[:, 0]
         self.shares = noise.shares(found[0][:, 0])
-        #: A coarse image, shape (height, width, channels), if it was wanted.
-        self.preview = found[1][:, 1:].reshape(*pixels[0].shape, -1).mean(axis=2) if pixels else None
         light = found[0][-noise.PAIRS :, 1:].sum(axis=1)
         #: Ratio of the brightest of the further samples to the brightest of the pixel.
         self.brighter = float(light.max()) / max(float(self.values.sum(axis=1).max()), 1e-30)
@@ -247,7 +237,6 @@ class Samples:
             return {
                 "n": 0 if plan.uses_sobol else plan.n,
                 "patterns": explanation_page.patterns(estimator, plan, self.where, len(self.values), trees.values()),
-                "surfaces": explanation_page.surfaces(estimator, trees),
                 "camera": explanation_page.pinhole(estimator),
                 "size": list(map(int, estimator.sensor.film().crop_size())),
                 "boxes": [[list(box.min), list(box.max)] for box in boxes],
@@ -261,29 +250,22 @@ def lanes(*numbers: Any) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*numbers)).reshape(len(numbers), -1).astype(np.uint32)
 
 
-def coarse_pixels(film: mi.Film) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns ``(k, x, y)``, each of the shape (height, width, samples) of a coarse image: the index of each sample,
-    and a pixel of the film.
-    """
-    (w, h), (left, top) = map(int, film.crop_size()), map(int, film.crop_offset())
-    step = math.ceil(math.sqrt(w * h / PREVIEW_PIXELS))
-    y, x, k = np.indices((max(h // step, 1), max(w // step, 1), PREVIEW))
-    return k, left + x * step + k * step // PREVIEW, top + y * step + k * step // PREVIEW
-
-
 def page(file: SceneFile, scene: Any = None, image: Any = None, command: str = "", **arguments: Any) -> str:
     """Returns an HTML page that explains a pixel of the scene in ``file``.
 
     ``scene`` is the scene if it is loaded already. ``image`` holds the colours of the image, shape (height, width, 3)
-    of the film or of a coarse image; None: the function renders it. ``command`` is the command line that makes the
-    page. The other ``arguments`` are those of :class:`Samples`.
+    of the film or of a coarse image; None: the function renders a coarse one. ``command`` is the command line that
+    makes the page. The other ``arguments`` are those of :class:`Samples`.
     """
-    samples = Samples(scene or file.load(), names=places(file), preview=image is None, **arguments)
+    scene = scene or file.load()
+    samples = Samples(scene, names=places(file), **arguments)
     told, order = samples.explanation(), np.argsort(-samples.values.sum(axis=1), kind="stable").tolist()
     shown = [*order[: explanation_page.BRIGHTEST], order[len(order) // 2], order[-1]]
     trees = {told.sample: told.nodes} | {sample: samples.recorder.nodes(sample) for sample in shown}
-    image = explanation_page.picture(samples.preview if image is None else image)
-    pictured = {"name": file.path.name, "image": image, "command": command}
+    if image is None:
+        with alone(), coarse_film(samples.estimator.sensor, PREVIEW_PIXELS):
+            image = samples.integrator.render(scene, samples.estimator.sensor, spp=PREVIEW)
+    pictured = {"name": file.path.name, "image": explanation_page.picture(image), "command": command}
     return explanation_page.html(asdict(told), trees, **pictured, **samples.drawing(trees))
 
 

@@ -43,8 +43,6 @@ const parentOf = node => tree.nodes.find(one => one.number === node.parent);
 /** Whether the light of a lamp's point would be scattered if nothing were in the way. */
 const counts = lamp => lamp.state === "visible" || lamp.state === "hidden";
 const total = nodes => nodes.map(one => one.contribution).reduce((a, b) => a.map((x, k) => x + b[k]));
-/** The directions of the lobes where a ray ends, and texts on the textures there. */
-const surface = node => tree.surfaces[tree.nodes.indexOf(node)] || [[], []];
 /** The squared error of each sample. */
 const light = data.values.map(sum), mean = sum(light) / light.length, errors = light.map(x => (x - mean) ** 2);
 
@@ -142,7 +140,6 @@ function showNode(node) {
     const rows = [
         ["node", `${node.number}, from ${node.parent ? "node " + node.parent : "the camera"}, level ${node.level}`],
         ["meets", node.shape ? node.shape + (node.line ? " – " + node.line : "") : "nothing"],
-        ...surface(node)[1].map(text => ["texture", text]),
         ["lobe", node.lobe + (node.density === null ? "" : `, density ${number(node.density)} / sr`) + (node.probability === null ? "" : `, probability ${number(node.probability)}`)],
         ["survives with", `probability ${number(node.survival)}`], ["throughput", list(node.throughput)],
         ["position", node.position ? list(node.position) : "–"], ["normal", node.normal ? list(node.normal) : "–"],
@@ -217,8 +214,6 @@ function showOutside() {
                 if (!(i & bit)) line([0, 1, 2].map(j => i >> j & 1 ? b[j] : a[j]), [0, 1, 2].map(j => (i | bit) >> j & 1 ? b[j] : a[j]), present("--line"), 0.5);
     for (const node of tree.nodes) {
         const end = node.position || node.origin.map((o, i) => o + node.direction[i] * size / 4);
-        const [lobe] = surface(node);
-        for (let i = 0; i < lobe.length; i += 3) line(end, end.map((p, k) => p + lobe[i + k] * size / 7), present("--lobe"), 0.7);
         for (const lamp of node.position ? node.lamps : [])
             if (counts(lamp)) line(end, lamp.point, present("--lamp"), 1, lamp.state === "hidden" ? [4, 4] : []);
         line(node.origin, end, present("--accent"), 2);

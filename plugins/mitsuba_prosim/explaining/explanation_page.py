@@ -22,22 +22,20 @@ from ..compat import dr_array, world_matrix
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..sampling.spaces import DIFFUSE, LENS, NODE_SPACES, PIXEL, REFLECTED, REFRACTED
-from ..transport import lobes
 from .recorder import LIT, Node
 
 #: Number of the brightest samples whose rays are on the page, and their maximum size in characters; maximum number of
 #: lamps of a node.
 BRIGHTEST, MOST_CHARACTERS, MOST_LAMPS = 8, 1 << 20, 16
-#: Maximum numbers of samples in a pattern, of patterns, and of nodes with lobes; number of directions of a lobe.
-MOST_POINTS, MOST_PATTERNS, MOST_LOBES, DIRECTIONS = 256, 128, 1024, 32
+#: Maximum numbers of samples in a pattern, and of patterns.
+MOST_POINTS, MOST_PATTERNS = 256, 128
 
 
 def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: Any) -> str:
     """Returns the HTML text of the page. ``facts`` are those of an explanation, and ``trees`` maps samples to their
     nodes; trees that would make the page too large are left out. ``more``: :attr:`.Explanation.drawing`, and the image.
     """
-    surfaces = more.pop("surfaces")
-    stored = [{"sample": k, "nodes": [*map(shown, nodes)], "surfaces": surfaces[k]} for k, nodes in trees.items()]
+    stored = [{"sample": k, "nodes": [*map(shown, nodes)]} for k, nodes in trees.items()]
     while len(stored) > 1 and len(json.dumps(stored)) > MOST_CHARACTERS:
         stored.pop()
     data = {"name": "the image", "image": "", "command": "", **facts, "trees": stored, **more}
@@ -125,54 +123,3 @@ def node_spaces(transport: Any, nodes: Sequence[Node]) -> Iterator[tuple[int, in
         for k, lamp in enumerate(node.lamps):
             if lamp.state in LIT:
                 yield node.number, NODE_SPACES + (k if tree else k * lamps), lamp.lamp if tree else "lamp"
-
-
-def surfaces(estimator: Estimator, trees: Mapping[int, Sequence[Node]]) -> dict[int, dict[int, Any]]:
-    """Returns sample -> index of a node -> ``(vectors, texts)`` of the surface where the node's ray ends.
-
-    The vectors are sampled directions of the BSDF, whose length is the BSDF value times the cosine, relative to the
-    greatest. Lobes with a single direction have no vectors. The texts name the textures and their values there.
-    """
-    found: dict[int, dict[int, Any]] = {sample: {} for sample in trees}
-    met = [(sample, i) for sample, nodes in trees.items() for i, node in enumerate(nodes) if node.position][:MOST_LOBES]
-    if not met:
-        return found
-    p, o, d = (
-        np.repeat([getattr(trees[sample][i], name) for sample, i in met], DIRECTIONS, axis=0).T
-        for name in ("position", "origin", "direction")
-    )
-    wavelengths = estimator.rays(mi.Float(0), mi.Float(0.5), mi.Point2f(0.5), mi.Point2f(0.5))[0].wavelengths
-    ray = mi.Ray3f(mi.Point3f(p + 0.01 * (o - p)), mi.Vector3f(d), 0.0, wavelengths)
-    si = estimator.scene.ray_intersect(ray)
-    i = dr.arange(mi.UInt32, len(met) * DIRECTIONS) % DIRECTIONS
-    u, v, choice = ((mi.Float(i) + 0.5) * step for step in (0.7548777, 0.5698403, 0.6180340))  # even (Roberts 2018)
-    u, v, choice = (number - dr.floor(number) for number in (u, v, choice))
-    bs, weight = si.bsdf().sample(mi.BSDFContext(), si, choice, mi.Point2f(u, v), si.is_valid())
-    length = dr.select(lobes.has_any(bs.sampled_type, *lobes.IDEAL), 0, dr.max(weight) * bs.pdf)
-    vectors = np.nan_to_num(np.array(si.to_world(bs.wo) * length)).T.reshape(len(met), DIRECTIONS, 3)
-    longest = np.linalg.norm(vectors, axis=2).max(axis=1)
-    for (sample, i), v, most, texts in zip(met, vectors, longest, texture_texts(si)):
-        found[sample][i] = np.round(v.ravel() / most, 3).tolist() if most > 0 else [], texts
-    return found
-
-
-def texture_texts(si: mi.SurfaceInteraction3f) -> list[list[str]]:
-    """Returns texts on the textures at each :data:`DIRECTIONS`-th surface point: their names, parts and values."""
-    pointers = si.bsdf()
-    numbers = np.array(dr.reinterpret_array(mi.UInt32, pointers))
-    texts: list[list[str]] = [[] for _ in numbers[::DIRECTIONS]]
-    for number in np.unique(numbers[numbers > 0]):
-        points = np.flatnonzero(numbers == number)[::DIRECTIONS]
-        parts = mi.traverse(pointers[int(points[0])])
-        paths = {node: key.rpartition(".")[0] for key, (_, _, node, *_) in parts.properties.items()}
-        for texture in parts.hierarchy:
-            if not isinstance(texture, mi.Texture) or not texture.is_spatially_varying():
-                continue
-            mixes, kind = hasattr(texture, "TOP"), type(texture).__name__
-            shares = np.array(texture.value(si)) if mixes else numbers
-            colours = np.array(dr.zeros(mi.Spectrum, len(numbers)) + texture.eval(si)).T
-            for i in points:
-                mix = f"{shares[i]:.0%} {texture.TOP[0]}, {1 - shares[i]:.0%} {texture.BASE[0]}" if mixes else "value"
-                name = f"{paths.get(texture, '')} {kind if mixes else texture.class_name().partition('Impl')[0]}"
-                texts[i // DIRECTIONS].append(f"{name}: {mix} – {' '.join(f'{v:.3g}' for v in colours[i])}".lstrip())
-    return texts

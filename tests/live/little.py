@@ -147,10 +147,6 @@ def save(viewer, path, text):
     until(lambda: viewer.publisher.state.opened != opened)
 
 
-def change(viewer, **changes):
-    viewer.call(lambda viewer: viewer.change(**changes)).result(PATIENCE)
-
-
 def move(viewer, by):
     """Moves the camera, and waits for the image."""
     viewer.call(lambda viewer: viewer.move(by)).result(PATIENCE)

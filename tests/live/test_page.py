@@ -155,20 +155,13 @@ def test_all_pages_show_the_saved_scene_and_its_errors(page, browser, address, s
     until(lambda: np.array_equal(shown(page), red))
 
 
-def test_button_pauses_and_resumes_the_render(page, scene):
+def test_state_of_a_render_keeps_what_is_marked(page, scene):
     save(page, scene, LONG, "rendering")
     # What is marked stays so, and what changes ten times a second is not read out.
     page.evaluate("getSelection().selectAllChildren(document.getElementById('scene'))")
     state = page.inner_text("#state")
     until(lambda: page.inner_text("#state") != state)
     assert page.evaluate("String(getSelection())") == "little.scn" and page.inner_text("#announcement") == "rendering"
-    page.click("#pause")
-    is_(page, "paused")
-    number = page.get_attribute("#canvas", "data-number")
-    assert page.inner_text("#pause") == "Resume"
-    press(page, "Enter", "#pause")
-    is_(page, "rendering")
-    until(lambda: page.get_attribute("#canvas", "data-number") != number)
     save(page, scene, LITTLE)
 
 
@@ -229,7 +222,7 @@ def test_buttons_vanish_when_the_render_ends(browser, write_scene):
         process.send_signal(signal.SIGINT)
         is_(page, "lost")
     assert "has ended" in page.inner_text("#state") and np.array_equal(shown(page), picture)
-    assert all(page.is_disabled(f"#{name}") for name in ("pause", "camera", "home"))
+    assert all(page.is_disabled(f"#{name}") for name in ("camera", "home"))
     assert all(page.get_attribute(f"#{name}", "href") is None for name in ("exr", "png"))
     assert page.is_disabled("input[value=error]")
     page.close()

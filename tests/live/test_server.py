@@ -38,8 +38,8 @@ def test_server_answers_only_this_machine_with_the_token(address):
         assert ask(bare, path)[0].status == 403, path
     assert ask(bare, f"?token={token}")[0].status == 403
     for origin in "http://evil.example", "null":
-        assert ask(address, "do/pause", "POST", Origin=origin)[0].status == 403
-    assert ask(address, "do/resume", "POST", Origin=f"http://{url.netloc}")[0].status == 204
+        assert ask(address, "do/home", "POST", Origin=origin)[0].status == 403
+    assert ask(address, "do/home", "POST", Origin=f"http://{url.netloc}")[0].status == 204
     # Nobody else can reach it: it listens at this machine's own address alone.
     others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
     for other in others - {"127.0.0.1", "127.0.1.1"}:
@@ -51,7 +51,7 @@ def test_server_serves_only_its_own_files(address, scene):
     state_when(address, "done")
     (scene.parent / "secret.html").write_text("secret")
     files = "../secret.html secret.html ..%2fsecret.html %2e%2e/%2e%2e/etc/passwd little.scn server.py save/scn save/.."
-    wrong = "layer/secret pixel/-1/0 explain/-1/0 do/pause do/orbit"
+    wrong = "layer/secret pixel/-1/0 explain/-1/0 do/home do/orbit"
     for path in f"{files} {wrong}".split():
         answer, content = ask(address, path)
         assert answer.status in (404, 405) and b"secret" not in content, path
@@ -129,7 +129,7 @@ def test_hostile_client_does_not_stop_the_page(limited, path, kind):
             client.send(content)
         if n % (number // 5) == 0:
             assert ask(address)[0].status == 200
-    assert ask(address, "do/pause", "POST")[0].status == 204
+    assert ask(address, "do/home", "POST")[0].status == 204
     path.write_text(LITTLE + "# edited\n")
     until(lambda: state_when(address, "done")["opened"] > state["opened"])
     assert states.readline().startswith(b"data: ")  # the stream of the owner was not closed

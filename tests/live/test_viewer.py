@@ -6,7 +6,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from little import LITTLE, change, is_, move, running, save, surface_at
+from little import LITTLE, is_, move, running, save, surface_at
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
@@ -125,24 +125,18 @@ def test_viewer_notices_a_change_while_it_opens_the_scene(variant_rgb, path, tmp
         assert viewer.publisher.state.view == view
 
 
-def test_viewer_pauses_resumes_and_moves_the_camera(variant_rgb, path, tmp_path, monkeypatch):
+def test_viewer_moves_the_camera(variant_rgb, path, tmp_path, monkeypatch):
     path.write_text(LONG)
     with running(path) as viewer:
         until(lambda: viewer.publisher.state.layers == ("final", "error", "samples"))
-        change(viewer, paused=True)
-        is_(viewer, "paused")
-        number = viewer.publisher.picture.number
         words = surface_at(viewer, 30, 20), surface_at(viewer, 1, 1)
         assert words == ("little.scn, line 8 (SURFACE 0 of SPHERE 0)", "background")
-        assert viewer.publisher.picture.number == number and viewer.publisher.state.status == "paused"
-        change(viewer, paused=False)
-        is_(viewer, "rendering")
         save(viewer, path, RED)
         is_(viewer, "done")
         home = final(viewer)
         move(viewer, lambda camera: camera.orbited(40, 10))
         assert not np.allclose(final(viewer), home, atol=0.05)
-        change(viewer, camera=None)
+        viewer.call(lambda viewer: viewer.go_home()).result(PATIENCE)
         until(lambda: viewer.publisher.state.view is None and viewer.publisher.state.status == "done")
         assert np.array_equal(final(viewer), home)
 
@@ -220,8 +214,6 @@ def test_viewer_survives_an_image_that_fails(variant_rgb, write_scene, monkeypat
 
     def asked(words):
         assert words in viewer.publisher.state.error
-        change(viewer, paused=True)
-        change(viewer, paused=False)
         assert surface_at(viewer, 4, 3).startswith("Sphere")
         with pytest.raises(ValueError, match="no image"):
             viewer.call(lambda viewer: viewer.result()).result(PATIENCE)

@@ -19,7 +19,7 @@ class State:
 
     #: The name of the scene's file.
     scene: str
-    #: ``opening``, ``rendering``, ``paused``, ``done``, ``missing`` if the file does not exist, or ``failed``.
+    #: ``opening``, ``rendering``, ``done``, ``missing`` if the file does not exist, or ``failed``.
     status: str = "opening"
     #: How often the viewer has tried to open the file.
     opened: int = 0

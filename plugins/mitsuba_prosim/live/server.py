@@ -35,11 +35,9 @@ from .viewer import Viewer
 #: function returns the contents of the image's files: suffix -> content.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
-#: Name of an action of the page -> the function that changes the view request. Two numbers describe a camera motion.
+#: Name of an action of the page -> the function that changes the requested view. Two numbers describe a camera motion.
 ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
-    "pause": lambda viewer, *_: viewer.change(paused=True),
-    "resume": lambda viewer, *_: viewer.change(paused=False),
-    "home": lambda viewer, *_: viewer.change(camera=None, paused=False),
+    "home": lambda viewer, *_: viewer.go_home(),
     "orbit": lambda viewer, x, y: viewer.move(lambda camera: camera.orbited(x, y)),
     "pan": lambda viewer, x, y: viewer.move(lambda camera: camera.panned(x, y)),
     "dolly": lambda viewer, x, _: viewer.move(lambda camera: camera.dollied(x)),

@@ -9,11 +9,10 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from math import isnan
 from pathlib import Path
 from queue import Empty, Queue
-from typing import Any
+from typing import Any, cast
 
 import mitsuba as mi
 import numpy as np
@@ -32,16 +31,6 @@ from .scene_watcher import INTERVAL, SceneWatcher
 
 #: The advice in the message about a black picture; {} is the exposure.
 ON_THE_PAGE = "Exposure {} makes it bright here"
-
-
-@dataclass(frozen=True)
-class ViewRequest:
-    """The image that the page requests."""
-
-    #: The moved camera; None for the camera of the scene file.
-    camera: Camera | None = None
-    #: Whether rendering pauses.
-    paused: bool = False
 
 
 class Viewer:
@@ -64,8 +53,8 @@ class Viewer:
         #: The functions that :meth:`call` has scheduled, each with the future of its result. (After a signal, Python's
         #: SimpleQueue may wait without end, even if it has a timeout.)
         self._calls: Queue[tuple[Callable[[Viewer], Any], Future[Any]]] = Queue()
-        #: The latest request, and the request that is shown or being rendered.
-        self._request = self._shown = ViewRequest()
+        #: The moved camera that the page requests, None for that of the scene file; and the one that is shown.
+        self.camera = self._shown = cast("Camera | None", None)
         #: The camera in the scene file that was opened last; None if the viewer cannot move this sensor. A move starts
         #: from this camera.
         self._home: Camera | None = None
@@ -90,14 +79,14 @@ class Viewer:
         """Ends the thread that renders, and the streams of states that the publisher sends to open pages."""
         self.publisher.closed = True
 
-    def change(self, **changes: Any) -> None:
-        """Changes fields of the current :class:`ViewRequest`."""
-        self._request = replace(self._request, **changes)
+    def go_home(self) -> None:
+        """Requests an image from the camera of the scene file."""
+        self.camera = None
 
     def move(self, motion: Callable[[Camera], Camera]) -> None:
         """Requests an image from the camera that ``motion`` returns for the current one, if the sensor can be moved."""
         if self._home is not None:
-            self.change(camera=motion(self._request.camera or self._home), paused=False)
+            self.camera = motion(self.camera or self._home)
 
     def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
         """Returns ``(state, bitmap, image, reached)`` of the latest published picture.
@@ -164,19 +153,17 @@ class Viewer:
 
     @property
     def _idle(self) -> bool:
-        return self._request == self._shown and (self._request.paused or self._done)
+        return self.camera is self._shown and self._done
 
     def _advance(self) -> None:
         """Does the next piece of work for the current request, if there is any."""
         if not self.publisher.state.opened or self.watcher.changed():
             self._open()
         elif self.scene is None:  # the scene could not be opened
-            self._shown = self._request
-        elif self._request.camera is not self._shown.camera:
-            self.scene.look(self._request.camera)
+            self._shown = self.camera
+        elif self.camera is not self._shown:
+            self.scene.look(self.camera)
             self._begin(self.scene)
-        elif self._request != self._shown:
-            self._pause_or_resume()
         elif self._image is not None and not self._idle:
             self._step(self.scene, self._image)
 
@@ -189,7 +176,6 @@ class Viewer:
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene = self._image = None
-        self.change(paused=False)
         self.publisher.publish(status="opening", opened=self.publisher.state.opened + 1)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
@@ -199,32 +185,24 @@ class Viewer:
         self.watcher.opened(scene.file.sources())
         previous_home, self._home, self.scene = self._home, scene.home, scene
         if previous_home is None or scene.home is None or (previous_home.to_world != scene.home.to_world).any():
-            self.change(camera=None)  # the scene file has a new view
-        elif self._request.camera is not None:
-            scene.look(self._request.camera)
+            self.camera = None  # the scene file has a new view
+        elif self.camera is not None:
+            scene.look(self.camera)
         names = {key: name for key, (name, _) in scene.places.items()}
         self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None, names=names)
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
         """Begins a new render of the requested view, with a coarse image first."""
-        self._shown = replace(self._request, paused=False)
+        self._shown = self.camera
         self._reached, self._seconds = None, 0.0
         integrator = scene.scene.integrator()
         image = ProgressiveImage(integrator, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
         self._image = image
-        self._publish(image, error=None, black=None, view=scene.view_text(self._request.camera))
+        self._publish(image, error=None, black=None, view=scene.view_text(self.camera))
         image.begin_coarse()
         self._draw(image)
         self._publish(image)
-
-    def _pause_or_resume(self) -> None:
-        """Handles a new request that differs from the shown one only in ``paused``."""
-        if (image := self._image) is not None:
-            if self._request.paused and image.new:
-                self._draw(image)
-            self._publish(image)
-        self._shown = self._request
 
     # ---------------------------------------------------------------- work item after work item
 
@@ -252,7 +230,7 @@ class Viewer:
         reached = self._reached
         self.publisher.publish(
             image.picture,
-            status="done" if self._done else "paused" if self._request.paused else "rendering",
+            status="done" if self._done else "rendering",
             progress=image.progress,
             samples=reached.samples if reached else None,
             noise=None if reached is None or isnan(reached.noise) else reached.noise,
@@ -262,7 +240,7 @@ class Viewer:
 
     def _fail(self, error: BaseException) -> None:
         """Publishes an error, and ends the render until the scene's files or the view change."""
-        self._image, self._shown = None, self._request
+        self._image, self._shown = None, self.camera
         expected = isinstance(error, (RuntimeError, TypeError, ValueError, OSError, MemoryError))
         words = with_suggestion(session.message(error)) if expected else f"{type(error).__name__}: {error}"
         missing = not self._path.exists()

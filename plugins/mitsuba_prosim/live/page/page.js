@@ -97,7 +97,7 @@ async function fetchLayer() {
 
 // ---- the state
 
-const WORDS = {opening: "opening the scene", rendering: "rendering", paused: "paused", done: "done", missing: "the file does not exist; its last picture is shown", failed: "not rendered; waiting for the next save"};
+const WORDS = {opening: "opening the scene", rendering: "rendering", done: "done", missing: "the file does not exist; its last picture is shown", failed: "not rendered; waiting for the next save"};
 
 function receive(latest) {
     state = latest;
@@ -126,8 +126,6 @@ function receive(latest) {
     find("warnings").hidden = !state.warnings.length || Boolean(state.error);
     write(find("warnings").querySelector("summary"), state.warnings.length === 1 ? "A warning" : `${state.warnings.length} warnings`);
     showMessages(find("warnings").querySelector("div"), state.warnings.join("\n"));
-    find("pause").disabled = !["rendering", "paused"].includes(state.status);
-    write(find("pause"), state.status === "paused" ? "Resume" : "Pause");
     showIntegratorLayers(state.layers.filter((name) => name.includes(".")));
     for (const input of layers()) {
         input.disabled = !state.layers.includes(input.value) && input.value !== "final";
@@ -136,7 +134,7 @@ function receive(latest) {
     find("camera").disabled = !state.movable;
     find("view").hidden = state.view === null;
     find("home").disabled = false;
-    savable(state.picture !== null && ["rendering", "paused", "done"].includes(state.status));
+    savable(state.picture !== null && ["rendering", "done"].includes(state.status));
     showMix();
     write(find("text"), state.view ?? "");
     refresh();
@@ -192,7 +190,7 @@ function lost(refused) {
         : "prosim watch has ended, or does not respond";
     for (const id of ["state", "announcement"]) write(find(id), text);
     document.body.dataset.status = "lost";
-    for (const id of ["pause", "camera", "explain", "home"]) find(id).disabled = true;
+    for (const id of ["camera", "explain", "home"]) find(id).disabled = true;
     for (const input of layers()) input.disabled = !input.checked;
     savable(false);
 }
@@ -296,7 +294,6 @@ find("neutral").addEventListener("click", () => {
     find("exposure").focus();
     exposed();
 });
-find("pause").addEventListener("click", () => post(state.status === "paused" ? "do/resume" : "do/pause"));
 find("camera").addEventListener("change", (e) => find("stage").classList.toggle("camera", e.target.checked));
 find("fit").addEventListener("click", () => view.fit());
 find("actual").addEventListener("click", () => view.actual());

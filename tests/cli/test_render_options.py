@@ -38,8 +38,6 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
         ("--exposure nan", "finite"),
         ("--caustics", "prosim has --caustics; this scene's is path, which --paths"),
         ("--layers lights --caustics", "--layers lights: the photons of --caustics"),
-        ("--layers terms --paths", "--layers terms: the rays of --paths"),
-        ("--layers levels --paths", "--layers levels: --paths has no maximum depth"),
         ("--adaptive all", "graded"),
         ("--noise 0.1 --adaptive thesis", "--adaptive thesis does not"),
         ("--snapshots 0.1 --adaptive thesis", "--adaptive thesis does not"),

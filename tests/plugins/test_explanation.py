@@ -26,7 +26,7 @@ CASES = {
     "paths": (GLASS, PATHS, {}),
     "bounces": ({"type": "principled", "roughness": 0.3, "metallic": 0.5}, {"diffuse_bounces": 2}, {}),
     "sky": (COPPER, {}, {"sky": {"type": "constant", "radiance": 0.2}}),
-    "layers": (GLASS, {"layers": "terms", "diffuse_bounces": 1}, {}),
+    "layers": (GLASS, {"layers": "lights", "diffuse_bounces": 1}, {}),
     "masks": (HOLES, {"rr_throughput": 0.5}, {}),
     "blends": (BLEND, PATHS, {}),
     "absorption": ({"type": "dielectric"}, {}, {"interior": ABSORBING}),

@@ -1,11 +1,11 @@
-"""Layers by cause: their sum is the image, and each is what a render of that cause alone shows."""
+"""Layers of lamps: their sum is the image, and each is what a render of that lamp alone shows."""
 
 import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import same_expectation
 from mitsuba_prosim.transport import radiance as layers
-from scenes import T, area, diffuse, penumbra, rectangle, rgb, slow, sphere_lamp, without
+from scenes import T, area, penumbra, rectangle, rgb, sphere_lamp, without
 
 ROUGH = {"type": "roughconductor", "alpha": 0.2}
 GLASS = {"type": "roughdielectric", "alpha": 0.1}
@@ -41,26 +41,22 @@ def rendered(description, seed=0):
     return image[..., :3], {name: np.stack([letters[f"{name}.{c}"] for c in "RGB"], -1) for name in found}
 
 
-KINDS = ["lights", "levels", "terms"]
 MORE = {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
-SUMS = [("lights", -1, {}), ("levels", 2, {}), ("terms", 0, MORE)]
-SLOW = [("lights", 0, MORE), ("lights", 2, {}), ("levels", 0, MORE), ("levels", -1, {}), ("terms", 2, {})]
 
 
-@pytest.mark.parametrize("kind, bounces, more", [*SUMS, *(pytest.param(*row, marks=pytest.mark.slow) for row in SLOW)])
-def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, kind, bounces, more):
+@pytest.mark.parametrize("bounces, more", [(-1, {}), (0, MORE)])
+def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, bounces, more):
     description = without(scene(GLASS, diffuse_bounces=bounces, **more), *["sky"] * bool(more))
     alone, _ = rendered(description)
-    description["integrator"] |= {"layers": kind}
+    description["integrator"] |= {"layers": "lights"}
     image, parts = rendered(description)
     assert np.array_equal(image, alone)
     assert np.allclose(sum(parts.values()), image, atol=1e-5 * image.max())
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_sum_is_the_image_in_spectra_and_among_many_lamps(variant_spectral, kind):
+def test_the_sum_is_the_image_in_spectra_and_among_many_lamps(variant_spectral):
     many = {f"lamp_{k}": LAMPS["point"] | {"position": [k - 3.0, 3.0, 2.0]} for k in range(6)}
-    image, parts = rendered(scene(light=many | lamps(), layers=kind))
+    image, parts = rendered(scene(light=many | lamps(), layers="lights"))
     assert image.max() > 0.1
     assert np.allclose(sum(parts.values()), image, atol=1e-4 * image.max())
 
@@ -76,42 +72,6 @@ def test_the_layer_of_a_lamp_has_the_expectation_of_a_render_with_it_alone(varia
         assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3)
 
 
-@pytest.mark.parametrize("bounces", [2, *slow(-1)])
-def test_levels_up_to_one_are_the_image_with_that_max_level(variant_rgb, bounces):
-    _, parts = rendered(scene(GLASS, diffuse_bounces=bounces, layers="levels"))
-    total = 0
-    for level in range(3):
-        total = total + parts[f"level{level}"]
-        image, _ = rendered(scene(GLASS, diffuse_bounces=bounces, max_level=level))
-        assert np.allclose(total, image, atol=1e-5 * image.max())
-
-
-def test_terms_of_the_first_surface(variant_rgb):
-    """Without ideal lobes those of the first surface are its level; a matt scene has no others."""
-    description = scene(ROUGH, ambient=0.3)
-    (_, levels), (_, terms) = (
-        rendered(description | {"integrator": description["integrator"] | {"layers": kind}})
-        for kind in ("levels", "terms")
-    )
-    first = terms["emitted"] + terms["ambient"] + terms["diffuse"] + terms["glossy"]
-    assert np.allclose(first, levels["level0"], atol=1e-5)
-    assert np.allclose(terms["reflected"], levels["level1"] + levels["level2"], atol=1e-5)
-    assert terms["glossy"].max() > 0.01 and terms["refracted"].max() == 0
-    _, matt = rendered(scene(diffuse(0.5, 0.5, 0.5), layers="terms"))
-    assert all(matt[name].max() == 0 for name in ("glossy", "reflected", "refracted"))
-    _, mirror = rendered(scene({"type": "conductor"}, lamps("light"), layers="terms"))
-    assert mirror["reflected"].max() > 0.01 and mirror["glossy"].max() == 0
-    _, glass = rendered(scene({"type": "dielectric"}, layers="terms"))
-    assert glass["refracted"].max() > 0.01
-
-
-def test_caustics_are_a_term(variant_rgb):
-    glass = scene({"type": "dielectric"}, layers="terms", caustics=True, caustic_photons=20000, diffuse_bounces=1)
-    image, parts = rendered(glass)
-    assert np.allclose(sum(parts.values()), image, atol=1e-4 * image.max())
-    assert parts["caustics"].mean() > 0.01 * image.mean()
-
-
 def test_the_layers_of_lamps_recombine_to_a_new_render(variant_rgb):
     _, parts = rendered(scene(layers="lights"))
     dimmed = LAMPS["light"] | area(rgb(12.5, 10, 7.5))
@@ -123,7 +83,7 @@ def test_many_layers_derivatives_and_nesting_are_refused(variant_rgb):
     many = {f"lamp{k}": LAMPS["point"] for k in range(layers.MAX_LAYERS + 1)}
     with pytest.raises((ValueError, RuntimeError), match="33 layers"):
         rendered(scene(light=many, layers="lights"))
-    loaded = mi.load_dict(scene(layers="levels"))
+    loaded = mi.load_dict(scene(layers="lights"))
     with pytest.raises(RuntimeError, match="derivatives"):
         loaded.integrator().render_forward(loaded, mi.traverse(loaded))
     with pytest.raises(RuntimeError, match="within another"):

@@ -78,10 +78,8 @@ WRONG = [
     ("prosim", {"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
     ("prosim", {"channels": "rgx"}, 'parameter "channels"'),
     ("prosim", {"aovs": "sample"}, 'parameter "aovs" is |sample|; allowed: samples, error'),
-    ("prosim", {"layers": "lamps"}, "levels"),
+    ("prosim", {"layers": "lamps"}, "none or lights"),
     ("prosim", {"layers": "lights", "caustics": True}, "caustics"),
-    ("prosim", {"layers": "levels", "max_level": -1, "diffuse_bounces": -1}, "max_level"),
-    ("prosim", {"layers": "terms", "diffuse_bounces": -1}, "diffuse_bounces"),
     ("prosim_adaptive", {}, "\"integrator\" is 'nothing'; allowed: one integrator that takes samples"),
     ("prosim_adaptive", PATH | {"b": {"type": "direct"}}, "is 'PathIntegrator, DirectIntegrator'; allowed: one"),
     ("prosim_adaptive", {"a": {"type": "ptracer"}}, "ParticleTracerIntegrator|takes samples from a sensor"),
@@ -111,7 +109,7 @@ def test_a_whole_number_may_be_written_as_a_float(variant_rgb):
     assert type(mi.load_dict({"type": "prosim_fractal", "octaves": 3.0}).octaves) is int
 
 
-@pytest.mark.parametrize("parameters", [{"layers": "levels"}, {"caustics": True}])
+@pytest.mark.parametrize("parameters", [{"layers": "lights"}, {"caustics": True}])
 def test_what_scalar_variants_lack_is_refused(variant_scalar, parameters):
     with pytest.raises(RuntimeError, match=f'parameter "{min(parameters)}" is .*; allowed: .*scalar_rgb'):
         mi.load_dict({"type": "prosim", **parameters})

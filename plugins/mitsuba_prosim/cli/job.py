@@ -263,13 +263,7 @@ CONFLICTS = (
     ("denoise", "part", "--denoise needs the whole image, and --part renders a part of it; give one of them."),
     ("snapshots", "denoise part frames", "--snapshots writes raw single images; leave out the other option."),
     ("layers", "denoise", "--denoise changes the image, and --layers are parts of the raw image; give one of them."),
-    (
-        "layers=lights",
-        "caustics",
-        "--layers lights: the photons of --caustics do not know their light; omit one of them.",
-    ),
-    ("layers=terms", "paths", "--layers terms: the rays of --paths do not distinguish lobes; leave out one of them."),
-    ("layers=levels", "paths", "--layers levels: --paths has no maximum depth; leave out one of them."),
+    ("layers", "caustics", "--layers lights: the photons of --caustics do not know their light; omit one of them."),
     ("frames", "part", "--part is for single images. Let each machine render some of the --frames: 0:24, 24:48."),
 )
 
@@ -281,9 +275,7 @@ def make_job(options: dict[str, Any]) -> Job:
     The last of the snapshots becomes the limit that ends the render, if there is no other limit. Raises UsageError if
     options contradict each other, InputError if the variant cannot do them, and the errors of :func:`choose_variant`.
     """
-    given = {name for name, value in options.items() if value} | {f"layers={options.get('layers')}"}
-    if options.get("max_level") not in (None, -1):
-        given.discard("layers=levels")
+    given = {name for name, value in options.items() if value}
     uniform = {"adaptive"} if options.get("adaptive") == "none" else set()
     for option, others, message in CONFLICTS:
         if option in given and (given - uniform) & set(others.split()):

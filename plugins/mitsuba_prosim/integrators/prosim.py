@@ -18,7 +18,7 @@ from ..light.source import read_emission, shown
 from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
-from ..transport.radiance import KINDS, layers_conflict
+from ..transport.radiance import KINDS
 from ..transport.settings import SETTINGS, Settings
 from ..transport.transport import Transport
 from ..transport.transport_context import DEEPEST_TREE
@@ -134,12 +134,9 @@ class Prosim(ProgressiveIntegrator):
 
      * - layers
        - |string|
-       - Parts of the image in further channels :monosp:`NAME.R`, :monosp:`.G`, :monosp:`.B`, whose sum is the image:
-         :monosp:`lights` (each source by its id, the background, the ambient term), :monosp:`levels` (the light of the
-         surfaces of each level of the tree, :monosp:`level0` first), :monosp:`terms` (of the equation at the first
-         surface: :monosp:`emitted`, :monosp:`background`, :monosp:`ambient`, :monosp:`diffuse`, :monosp:`glossy`,
-         :monosp:`caustics`, :monosp:`reflected`, :monosp:`refracted`, :monosp:`indirect`). At most 32; :monosp:`lights`
-         not with :monosp:`caustics`, :monosp:`terms` not with :monosp:`diffuse_bounces` -1 (Default: :monosp:`none`)
+       - :monosp:`lights`: parts of the image in further channels :monosp:`NAME.R`, :monosp:`.G`, :monosp:`.B`, whose
+         sum is the image, one for each source by its id, one for the :monosp:`background` and one for the
+         :monosp:`ambient` term; at most 32, not with :monosp:`caustics` (Default: :monosp:`none`)
 
      * - band
        - |int|
@@ -247,8 +244,8 @@ class Prosim(ProgressiveIntegrator):
                 raise reject(props, "caustics", True, allowed)
             if self.layers != "none":
                 raise reject(props, "layers", self.layers, f'"none" {here} layers')
-        if reason := layers_conflict(self.layers, self._settings(), self.caustics):
-            raise reject(props, "layers", self.layers, reason)
+        if self.layers != "none" and self.caustics:
+            raise reject(props, "layers", self.layers, '"none" with caustics, as photons do not know their source')
         self._layer_channels: list[str] = []  # channel names of the last rendered scene
 
     def traverse(self, callback: mi.TraversalCallback) -> None:

@@ -38,7 +38,7 @@ def direct_light(context: Context, vertex: Vertex, points: Points) -> Radiance:
         return L + lamp_light(context, vertex, points, lamp.k, sample, context.mis_lobes)
 
     if lights.sampler is None:
-        L = lights.for_each(add, context.layers.none(), active, context.attached)
+        L = lights.for_each(add, context.no_light(), active, context.attached)
     else:
         point = points(space, active)
         k, probability, rest = lights.sampler.choose(vertex.receiver, point.x, active)
@@ -73,14 +73,14 @@ def lamp_light(
     sample: LightSample,
     mis_lobes: tuple[mi.BSDFContext, ...],
 ) -> Radiance:
-    """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``, split into image
-    layers; 0 if the sampled point is hidden.
+    """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``; 0 if the sampled
+    point is hidden.
 
     The lobes ``mis_lobes`` get MIS weights, because their rays, and perhaps photons, find the same light; the weight is
     1 for a point light or a single direction. The lobes ``context.light_lobes`` get none, nor does an inseparable BSDF.
     If photons carry the light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute.
     """
-    (ds, weight), layers = sample, context.layers
+    ds, weight = sample
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
     gathered = None if context.caustics is None else ray.light_found
     lit = vertex.smooth & (ds.pdf > 0)
@@ -100,14 +100,7 @@ def lamp_light(
     lit, transmitted = visibility(context, vertex, ds.p, f * weight, lit)
     value = dr.select(lit, f * weight * transmitted, 0)
     context.observe("lamp", ray, vertex=vertex, lamp=k, sample=sample, terms=terms, f=f, visible=lit, value=value)
-    L = layers.none().plus(value, layers.of(ray, "glossy", k))
-    if not layers.splits_lobes:
-        return L
-    if not context.mis_lobes:  # then ``light_lobes`` are all lobes, not only the diffuse lobes
-        diffuse = scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, lit)
-    diffuse = dr.select(lit, diffuse * weight * transmitted, 0)
-    # Moves the diffuse light from the layer of the glossy light to its own layer.
-    return L.plus(-diffuse, layers.of(ray, "glossy", k), L.total).plus(diffuse, layers.of(ray, "diffuse"), L.total)
+    return context.no_light().plus(value, k)
 
 
 def eval_lobe(

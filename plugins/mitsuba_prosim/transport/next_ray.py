@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
-from ..sampling.spaces import CHOICE, DIFFUSE, REFRACTED
+from ..sampling.spaces import CHOICE, REFRACTED
 from . import lobes
 from .absorption import medium_beyond
 from .lobes import LobePoint
@@ -47,8 +47,6 @@ def next_ray(
         result.passed = ray.passed & lobes.has_any(bs.sampled_type, "Null")
     if context.both_sides:
         result.both_sides = lobes.has_any(vertex.bsdf.flags(), *lobes.BOTH_SIDES)
-    through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-    result.branch = context.layers.branch(ray, space == DIFFUSE, through)
     if context.photon_mis is not None:
         result = context.photon_mis.next(vertex, result, bs, weight)
     context.observe("scatter", ray, after=result, bs=bs, active=active)

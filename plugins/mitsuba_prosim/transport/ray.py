@@ -37,9 +37,6 @@ class Ray:
     #: of all lobes. With photons, also whether an earlier surface of the path gathered photons by the lobe through
     #: which the path left that surface: these photons found the light behind specular surfaces.
     light_found: mi.Bool
-    #: The layer of all light that arrives through the lobe by which the path left the first vertex; 0 where the layers
-    #: do not depend on this lobe.
-    branch: mi.UInt32
     #: Whether the ray continues the camera ray: all surfaces on the way let it pass straight through, like the hole
     #: of a ``mask``. None where this does not matter, or where no surface lets rays pass.
     passed: mi.Bool | None = None

@@ -80,7 +80,7 @@ class Transport(Context):
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
         alpha = None if self.shows_sky else mi.Float(1)
-        state = State(self.layers.none(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
+        state = State(self.no_light(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
         if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
             state = step(state)
         elif self.attached:

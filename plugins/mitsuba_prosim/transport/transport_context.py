@@ -15,7 +15,7 @@ from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
 from . import lobes
 from .absorption import absorbs_any, pointer
-from .radiance import layers_of
+from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
 from .settings import Settings
@@ -53,10 +53,10 @@ class Context:
         #: The photons, emitted by :meth:`.Caustics.use_pass`; and the MIS of photons and rays. Each may be None.
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
-        #: Assigns light to layers; whether there are layers; the channel names of the layers.
-        self.layers = layers_of(settings.layers, settings, self.lights, caustics is not None)
-        self.has_layers = bool(self.layers.names)
-        self.aov_names = [f"{name}.{letter}" for name in self.layers.names for letter in "RGB"]
+        #: The number of each layer; whether there are layers; the channel names of the layers.
+        self.layers = layer_numbers(settings, self.lights.emitters)
+        self.has_layers = bool(self.layers)
+        self.aov_names = [f"{name}.{letter}" for name in self.layers for letter in "RGB"]
         #: Samples and evaluates BSDFs.
         self.scattering = Scattering(scene, separate=settings.diffuse_bounces >= 0)
         #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
@@ -89,6 +89,10 @@ class Context:
             and (self.lights.sampler is not None or self.lights.lamps == 1)
         )
 
+    def no_light(self) -> Radiance:
+        """Returns zero radiance, in all layers."""
+        return Radiance(mi.Spectrum(0), [mi.Spectrum(0) for _ in self.layers])
+
     def observe(self, event: str, ray: Ray, **values: Any) -> None:
         """Passes the ``values`` of the computation ``event`` at the end of ``ray`` to the :attr:`observer`. Within a
         loop, they are variables of the kernel.
@@ -99,9 +103,9 @@ class Context:
     def first(self, camera: mi.Ray3f) -> Ray:
         """Returns ``camera`` as the first :class:`.Ray`; unneeded fields are None, its normal has no meaning."""
         node, level, pdf, n = mi.UInt32(1), mi.UInt32(0), mi.Float(0), mi.Normal3f(camera.d)
-        # Opaque values: Dr.Jit would trace a loop twice to find that a literal value stays the same.
-        offset, found, branch = mi.Float(0), dr.opaque(mi.Bool, False), dr.opaque(mi.UInt32, 0)
-        ray = Ray(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, self.medium, offset, found, branch)
+        # An opaque value: Dr.Jit would trace a loop twice to find that a literal value stays the same.
+        offset, found = mi.Float(0), dr.opaque(mi.Bool, False)
+        ray = Ray(camera.o, camera.d, mi.Spectrum(1), node, level, pdf, n, self.medium, offset, found)
         ray.both_sides = mi.Bool(False) if self.both_sides else None
         ray.passed = mi.Bool(True) if self.sees_through else None
         ray.importance = None if self.lights.sampler is None else mi.Float(0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..light.strategy import Receiver
+from ..light.strategy import Index, Receiver
 from ..masks import but_not, dispatch, idle
 from ..optics.nested import ambient_reflectance
 from ..sampling.nrook import SamplerPoints
@@ -15,7 +15,7 @@ from ..sampling.sobol import Points
 from . import lobes
 from .absorption import UNBOUNDED, medium_before, transmittance
 from .direct import direct_light
-from .radiance import Layer, Radiance
+from .radiance import Radiance
 from .ray import Ray, Vertex, mis, viewer_side
 from .transport_context import Context
 from .workarounds import first_hit, past_emitters
@@ -35,7 +35,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     arriving, ray = ray, attenuated_at(ray, ray3, si, active)
     context.observe("ray", arriving, si=si, attenuated=ray.throughput, active=active)
     within_max_level = active if settings.max_level < 0 else active & (ray.level <= settings.max_level)
-    L = context.layers.none()
+    L = context.no_light()
     # Emission also counts beyond the maximum level: by MIS, this ray shares the direct light of the vertex where it
     # begins.
     if not lights.all_delta:
@@ -43,7 +43,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.background is not None:
         escaped = but_not(within_max_level, active & si.is_valid())
         radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
-        L = L.plus(radiance, context.layers.of(ray, "background"))
+        L = L.plus(radiance, context.layers.get("background"))
         context.observe("background", ray, value=radiance)
     surface = active & si.is_valid() & within_max_level
     if idle(surface):
@@ -52,14 +52,14 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     if settings.ambient is not None and context.flags:  # else Dr.Jit has no BSDF to dispatch to
         ka = dispatch(vertex.bsdf, ambient_reflectance, si, surface)
         radiance = ka * settings.ambient.eval(si, surface)
-        L = L.plus(radiance, context.layers.of(ray, "ambient"))
+        L = L.plus(radiance, context.layers.get("ambient"))
         context.observe("ambient", ray, value=radiance)
     L += direct_light(context, vertex, points)
     if context.caustics is not None:
         assert not isinstance(points, SamplerPoints)
         total = context.caustics.add_to(L.total, vertex, points.t)
         context.observe("photons", ray, value=total - L.total)
-        L = L.plus(total - L.total, context.layers.of(ray, "caustics"), total)
+        L = Radiance(total, L.layers)
     return L.scaled(ray.throughput), vertex
 
 
@@ -99,9 +99,9 @@ def attenuated_at(ray: Ray, ray3: mi.Ray3f, si: mi.SurfaceInteraction3f, active:
     return replace(ray, throughput=ray.throughput * transmitted, medium=medium)
 
 
-def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Layer]:
-    """Returns ``(radiance, layer)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, times its MIS
-    weight against light sampling at the ray's origin and photons; and the number of its image layer.
+def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> tuple[mi.Spectrum, Index]:
+    """Returns ``(radiance, number)``: the radiance of the light source that ``ray`` meets at ``si``, or 0, times its
+    MIS weight against light sampling at the ray's origin and photons; and the number of the light source.
 
     The weight is 1 for light that no other strategy finds, such as light that a glossy lobe receives from a constant
     sky. The radiance is 0 where the light is already found (:attr:`.Ray.light_found`), or hidden from the camera.
@@ -130,7 +130,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
         weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, photons_may_find)
     value, number = dr.select(active, L * weight, 0), lights.number_of(emitter, active)
     context.observe("emission", ray, value=value, lamp=number, radiance=L, density=pdf, weight=weight, active=active)
-    return value, context.layers.of(ray, "emitted", number)
+    return value, number
 
 
 def background_radiance(

@@ -16,11 +16,6 @@ from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
 FRESNEL = {"exact": fresnel.conductor, "thesis": fresnel.conductor_thesis}
-#: English names of metals, each before its value of the parameter ``material``; and the dictionary of both.
-WORDS = (
-    "aluminium Al aluminum Al chrome Cr chromium Cr copper Cu gold Au mercury Hg nickel Ni_palik silver Ag tungsten W"
-)
-SYMBOLS = dict(zip(WORDS.split()[::2], WORDS.split()[1::2]))
 
 
 @plugin("bsdf", "prosim_conductor")
@@ -186,8 +181,6 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
         names = metals()
         if not names or material in names:  # a table cannot be read
             raise
-        symbol = SYMBOLS.get(material.lower(), "")
-        hint = f"{symbol} for {material.lower()}; in all: " if symbol in names else ""
-        raise reject(props, "material", material, f"{hint}none, {', '.join(names)}") from None
+        raise reject(props, "material", material, f"none, {', '.join(names)}") from None
     found = parts(conductor)
     return found["eta"], found["k"]

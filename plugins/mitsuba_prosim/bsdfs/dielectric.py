@@ -42,22 +42,14 @@ class Dielectric(Material):
 
      * - int_abbe, ext_abbe
        - |float|
-       - Abbe number :math:`V_d` of a material of which ``int_ior`` or ``ext_ior`` is the index at 587.6 nm, for
-         Cauchy's formula. (Default: none)
+       - Abbe number :math:`V_d` of a material of which ``int_ior`` or ``ext_ior`` is the index at 587.6 nm.
+         (Default: none)
 
-     * - int_cauchy, ext_cauchy
-       - |string|
-       - Instead of an index, A and B (and C) of Cauchy's formula :math:`n = A + B/\lambda^2 + C/\lambda^4`,
-         wavelengths in µm. (Default: none)
-
-     * - int_sellmeier, ext_sellmeier
-       - |string|
-       - Instead of an index, :math:`B_1, C_1, B_2, C_2, ...` of Sellmeier's formula
-         :math:`n^2 = 1 + \sum_i B_i \lambda^2 / (\lambda^2 - C_i)`, wavelengths in µm. (Default: none)
-
-     * - int_A, int_B, ..., int_B1, int_C1, ..., ext_A, ...
+     * - int_A, int_B, int_B1, int_C1, ..., ext_A, ...
        - |float|
-       - Coefficients of dispersive materials, as they are exposed.
+       - Coefficients of dispersive materials, as they are exposed: of Cauchy's formula :math:`n = A + B/\lambda^2` for
+         an Abbe number, of Sellmeier's formula :math:`n^2 = 1 + \sum_i B_i \lambda^2 / (\lambda^2 - C_i)` for a
+         material, wavelengths in µm.
        - |exposed|, |differentiable|
 
      * - distribution

@@ -154,10 +154,10 @@ class Prosim(ProgressiveIntegrator):
 
     **Caustics.** Photons travel from each source through at most :monosp:`max_level` + 1 specular surfaces to diffuse
     surfaces. Each photon counts within the width of a pixel, or within more where photons are sparse. Photons also
-    count on rough surfaces behind smooth or nearly smooth surfaces, where they share the light with the rays of the
-    lobe. Each sample of a pixel has its own photons, so that more samples reduce the noise of the photons. Paths leave
-    this light to the photons. In spectral variants all pixels share the wavelengths of the photons. Photons come from
-    all sources of this package and from Mitsuba's :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`,
+    count on rough surfaces behind smooth surfaces, where they share the light with the rays of the lobe. Each sample of
+    a pixel has its own photons, so that more samples reduce the noise of the photons. Paths leave this light to the
+    photons. In spectral variants all pixels share the wavelengths of the photons. Photons come from all sources of this
+    package and from Mitsuba's :monosp:`area`, :monosp:`point`, :monosp:`spot`, :monosp:`projector`,
     :monosp:`directional`, :monosp:`constant`, :monosp:`envmap` and :monosp:`sunsky`. Caustics are not possible in
     scalar variants and within another integrator.
 

@@ -5,8 +5,8 @@ as an ``area`` on a curve, would end the call for all others. :class:`EmitterMet
 of one scene only.
 
 An ``area`` with a texture samples texture coordinates, and looks for the point of the shape with these coordinates. So
-it loses light where coordinates are outside the unit square or belong to several points. Then :class:`EmitterMethods`
-samples the shape.
+it may lose light on a mesh, where coordinates may be outside the unit square or belong to several points. There
+:class:`EmitterMethods` samples the shape.
 
 An ``envmap`` with ``mis_compensation`` samples only its bright parts, because the rays of a path find the others. So
 half of its samples here are uniform over all directions.
@@ -35,9 +35,6 @@ from ..compat import (
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 
-#: Maximum number of triangles of a mesh whose texture coordinates are examined.
-MAX_TRIANGLES = 256
-
 #: Square root of the number of directions in which an ``envmap`` is examined.
 PROBES = 32
 
@@ -57,7 +54,7 @@ def point_sampler(emitter: mi.Emitter) -> str:
     parameters = mi.traverse(emitter)
     if any(node.class_name() == MESH_ATTRIBUTE for node in parameters.hierarchy):
         return ""
-    by_texture = mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying) and _has_unique_uv(shape)
+    by_texture = mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying) and has_unique_uv(shape)
     return "texture" if by_texture and not samples_elsewhere(parameters, "radiance.") else "shape"
 
 
@@ -69,29 +66,16 @@ def has_area(shape: mi.Shape) -> bool:
         return False
 
 
-def _has_unique_uv(shape: mi.Shape) -> bool:
-    """Tells whether each point of ``shape`` has its own texture coordinates, in the unit square; False for a mesh of
-    more than :data:`MAX_TRIANGLES` triangles.
-    """
-    if has_unique_uv(shape):
-        return True
-    parameters = mi.traverse(shape)
-    if "vertex_texcoords" not in parameters or shape.primitive_count() > MAX_TRIANGLES:
-        return False
-    import numpy as np  # slow to import, and seldom needed
-
-    uv, faces = (np.array(dr.detach(parameters[name])) for name in ("vertex_texcoords", "faces"))
-    if not len(uv) or uv.min() < 0 or uv.max() > 1:
-        return False
-    corners = uv.reshape(-1, 2)[faces.reshape(-1, 3)].astype(float)
-    edges = np.roll(corners, -1, axis=1) - corners
-    # Triangles do not overlap if an edge of one separates them; [i, j, e, c]: height of corner c of j over edge e of i.
-    heights = np.einsum("ied,jcd->ijec", np.stack([-edges[..., 1], edges[..., 0]], axis=-1), corners)
-    low, high = heights.min(-1), heights.max(-1)
-    own = np.arange(len(corners))
-    gap = np.maximum(low - high[own, own][:, None], low[own, own][:, None] - high).max(-1)
-    overlap = np.maximum(gap, gap.T) < -1e-6 * np.abs(edges).max()
-    return bool(np.array_equal(overlap, own == own[:, None]))
+def warn_of_unsampled(emitters: Iterable[mi.Emitter]) -> None:
+    """Warns of surfaces that emit in many directions, but have no :func:`point_sampler`."""
+    surface, single = mi.EmitterFlags.Surface, mi.EmitterFlags.DeltaDirection
+    many = [e for e in emitters if mi.has_flag(e.flags(), surface) and not mi.has_flag(e.flags(), single)]
+    if names := ", ".join(repr(name_of(e)) for e in many if not point_sampler(e)):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {names} do not light diffuse surfaces, because Mitsuba cannot sample their shape or texture "
+            "(curves, ellipsoids, sdfgrid, mesh_attribute). Use another shape or texture, or diffuse_bounces = -1.",
+        )
 
 
 def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:

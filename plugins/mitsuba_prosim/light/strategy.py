@@ -13,8 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import CONSTANT, eval_direction
-from ..masks import idle
-from .emitter_methods import Emitter, EmitterMethods, no_sample, point_sampler
+from .emitter_methods import Emitter, EmitterMethods, no_sample
 
 #: The number of a lamp: an integer, or a Dr.Jit array.
 Index: TypeAlias = "int | mi.UInt32"
@@ -59,8 +58,6 @@ class OtherLights:
     samples_below_horizon = True
     #: Whether :meth:`reparameterised` needs the point ``met`` on the source.
     follows_shape = True
-    #: The scene of the emitters, set by :class:`.Lights`.
-    scene: mi.Scene
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.methods = EmitterMethods(emitters)
@@ -99,45 +96,6 @@ class OtherLights:
         ds = direction_sample(receiver, dr.replace_grad(d, moved))
         ds.p, ds.n, ds.uv, ds.dist = met.p, met.n, met.uv, dr.norm(to_point)
         return ds, jacobian
-
-
-class UnsampledLights(OtherLights):
-    """Finds, by rays that have a white diffuse surface's density, lamps that Mitsuba cannot sample.
-
-    Objects hide these lamps even if the parameter ``shadows`` of the integrator is false.
-    """
-
-    @staticmethod
-    def can_sample(emitter: Emitter) -> bool:
-        """Tells whether ``emitter`` is a surface that nothing can sample."""
-        surface = mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
-        return (
-            surface and not mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection) and not point_sampler(emitter)
-        )
-
-    def sample(
-        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> LightSample:
-        """Returns ``(ds, weight)`` for a cosine-weighted ray; the density is 0 if it does not meet the light source."""
-        below = receiver.both_sides & (sample.x < 0.5)
-        x = dr.select(receiver.both_sides, 2 * sample.x - dr.select(below, 0, 1), sample.x)
-        local = mi.warp.square_to_cosine_hemisphere(mi.Point2f(x, sample.y))
-        d = mi.Frame3f(receiver.n).to_world(mi.Vector3f(local.x, local.y, dr.select(below, -local.z, local.z)))
-        met = self.scene.ray_intersect(receiver.si.spawn_ray(d), active)
-        active = active & met.is_valid()
-        if idle(active):
-            return direction_sample(receiver, d), mi.Spectrum(0)
-        ds = mi.DirectionSample3f(self.scene, met, receiver.si)
-        ds.delta = mi.Bool(False)
-        active = active & (ds.emitter == emitter)
-        ds.pdf = dr.select(active, self.pdf(number, receiver, ds, active), 0)
-        active = active & (ds.pdf > 0)
-        return ds, dr.select(active, emitter.eval(met, active) / dr.select(active, ds.pdf, 1), 0)
-
-    def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
-        cos = dr.dot(receiver.n, ds.d)
-        return dr.inv_pi * dr.select(receiver.both_sides, 0.5 * dr.abs(cos), dr.maximum(cos, 0))
 
 
 class ConstantSky(OtherLights):

@@ -17,11 +17,11 @@ from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, fold, idle
 from .emitter_methods import Emitter
 from .spheres import SphereLights
-from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, UnsampledLights
+from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver
 
 #: Strategies for lamps, in order of preference. A lamp is any light source except a constant sky. The first strategy
 #: that can sample an emitter takes it.
-STRATEGIES = (SphereLights, UnsampledLights, OtherLights)
+STRATEGIES = (SphereLights, OtherLights)
 
 #: A strategy, the number of its first lamp, and the number after that of its last lamp.
 Group = tuple[OtherLights, Any, Any]
@@ -112,7 +112,6 @@ class Lights:
         for strategy in STRATEGIES:
             if members := [e for e, s in strategies.items() if s is strategy]:
                 self.groups.append((strategy(members), len(self.emitters), len(self.emitters) + len(members)))
-                self.groups[-1][0].scene = scene
                 self.emitters += members
         #: Number of lamps, and number of all light sources.
         self.lamps, self.count = len(self.emitters), len(self.emitters) + len(skies)

@@ -1,4 +1,4 @@
-"""Indices of refraction that depend on the wavelength: by Cauchy's or Sellmeier's formula, an Abbe number, or a name.
+"""Indices of refraction that depend on the wavelength: by an Abbe number, or by the name of a material.
 
 The functions of this module take wavelengths in nm. Cauchy's and Sellmeier's formulas use wavelengths in µm, as in the
 catalogues of glass makers.
@@ -50,29 +50,29 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 
 
 class Dispersion:
-    """The index of refraction of a material as a function of the wavelength λ in µm: n = A + B/λ² (+ C/λ⁴) by Cauchy,
-    or n² = 1 + Σ B λ²/(λ² - C) by Sellmeier.
+    """The index of refraction of a material as a function of the wavelength λ in µm: n = A + B/λ² by Cauchy, or
+    n² = 1 + Σ B λ²/(λ² - C) by Sellmeier.
 
-    ``values`` are the coefficients, of Cauchy's formula if ``cauchy`` is true. ``coefficients`` maps their names, A, B,
-    C or B1, C1, B2, C2 and so on, to their values (``mi.Float``).
+    ``coefficients`` maps the names of the coefficients, A and B, or B1, C1, B2, C2 and so on, to their values.
     """
 
-    def __init__(self, cauchy: bool, values: Sequence[float]) -> None:
-        self.cauchy = cauchy
-        names = "ABC" if cauchy else [f"{x}{i + 1}" for i in range(len(values) // 2) for x in "BC"]
-        self.coefficients = {name: mi.Float(value) for name, value in zip(names, values, strict=False)}
+    def __init__(self, **coefficients: float) -> None:
+        self.coefficients = {name: mi.Float(value) for name, value in coefficients.items()}
         dr.make_opaque(self.coefficients)
+
+    @classmethod
+    def of_material(cls, name: str) -> Dispersion:
+        """Returns the dispersion of one of the :data:`MATERIALS`."""
+        terms = enumerate(MATERIALS[name], 1)
+        return cls(**{f"{letter}{i}": value for i, term in terms for letter, value in zip("BC", term)})
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
         """Returns the index at a ``wavelength`` in nm; outside 300 to 1000 nm the nearer end counts."""
         square = dr.square(dr.clip(mi.Float(wavelength), SHORTEST, LONGEST) * 1e-3)
         values = list(self.coefficients.values())
-        if self.cauchy:  # n = A + B/λ² (+ C/λ⁴), by Horner's rule
-            n = mi.Float(0)
-            for value in reversed(values):
-                n = n / square + value
-            return n
-        n2 = mi.Float(1)  # Sellmeier: n² = 1 + Σ B λ²/(λ² - C)
+        if "A" in self.coefficients:
+            return values[0] + values[1] / square
+        n2 = mi.Float(1)
         for b, c in zip(values[::2], values[1::2], strict=True):
             n2 = n2 + b * square / (square - c)
         return dr.sqrt(n2)
@@ -152,41 +152,27 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     """Reads the index of refraction on one ``side`` of an interface, "int" or "ext", from the parameters of a plugin.
 
     It is a number if it is the same at all wavelengths: the parameter ``<side>_ior`` alone, or the material
-    ``default``. It is a :class:`Dispersion` by ``<side>_ior`` with the Abbe number ``<side>_abbe``, or by one of
-    ``<side>_material``, ``<side>_cauchy`` and ``<side>_sellmeier``. Raises ValueError for wrong values, for other
-    combinations, and for coefficients whose index is not positive and finite from 360 to 830 nm.
+    ``default``. It is a :class:`Dispersion` by ``<side>_ior`` with the Abbe number ``<side>_abbe``, or by
+    ``<side>_material``. Raises ValueError for wrong values, for other combinations, and for an index that is not
+    positive from 360 to 830 nm.
     """
-    ior, abbe = side + "_ior", side + "_abbe"
-    names = [name for way in ("material", "cauchy", "sellmeier", "abbe") if (name := f"{side}_{way}") in props]
-    if not names:
-        return index(props, ior, default)
-    first = ior if ior in props else names[0]  # no other parameter may accompany it, except that abbe needs ior
-    for name in names:
-        if name != first and (first, name) != (ior, abbe):
-            raise reject(props, name, props[name], f'no "{name}" together with "{first}"')
-    name, value = names[0], props[names[0]]
-    if name == abbe:
-        if ior not in props:
-            raise reject(props, name, value, f'"{ior}", the index at 587.6 nm, together with "{name}"')
-        dispersion = Dispersion(True, cauchy(index(props, ior, default), number(props, name, None, 1, 1000)))
-    elif name.endswith("material"):
-        if (chosen := str(value).lower()) not in MATERIALS:
-            raise reject(props, name, value, ", ".join(MATERIALS))
-        return Dispersion(False, sum(MATERIALS[chosen], ()))
-    else:
-        try:
-            values = [float(word) for word in str(value).strip("[]").replace(",", " ").split()]
-        except ValueError:
-            raise reject(props, name, value, "numbers with commas between them") from None
-        of_cauchy = name.endswith("cauchy")
-        if len(values) not in ((2, 3) if of_cauchy else range(2, 21, 2)):
-            form = "A, B or A, B, C of Cauchy's formula" if of_cauchy else "B1, C1, B2, C2, ... of Sellmeier's formula"
-            raise reject(props, name, value, f"the numbers {form}, wavelengths in micrometres")
-        dispersion = Dispersion(of_cauchy, values)
-    indices = [float(dr.slice(dispersion.index(w))) for w in range(360, 831, 10)]
-    if not all(0 < n < inf for n in indices):
-        raise reject(props, name, value, "coefficients of an index > 0 from 360 to 830 nm")
-    return dispersion
+    ior, abbe, material = (f"{side}_{name}" for name in ("ior", "abbe", "material"))
+    if material in props:
+        for name in (ior, abbe):
+            if name in props:
+                raise reject(props, name, props[name], f'no "{name}" together with "{material}"')
+        if (chosen := str(props[material]).lower()) not in MATERIALS:
+            raise reject(props, material, props[material], ", ".join(MATERIALS))
+        return Dispersion.of_material(chosen)
+    n = index(props, ior, default)
+    if abbe not in props:
+        return n
+    if ior not in props:
+        raise reject(props, abbe, props[abbe], f'"{ior}", the index at 587.6 nm, together with "{abbe}"')
+    a, b = cauchy(n, number(props, abbe, None, 1, 1000))
+    if not min(a + b / 0.36**2, a + b / 0.83**2) > 0:
+        raise reject(props, abbe, props[abbe], "a number with which the index is > 0 from 360 to 830 nm")
+    return Dispersion(A=a, B=b)
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:

@@ -26,9 +26,6 @@ from .targets import Targets
 #: Density of photons from a point light or in a single direction: far above all other densities, but finite.
 DELTA_DENSITY = 1e30
 
-#: Maximum density of all other photons.
-MAX_DENSITY = 1e20
-
 
 @dataclass
 class Start:

@@ -41,8 +41,7 @@ class State:
     medium: mi.MediumPtr
     #: Whether a smooth lobe of a BSDF without separable lobes has scattered the photon.
     from_inseparable: mi.Bool
-    #: Density of photons (:attr:`.Start.density`), 0 after a glossy surface that is not near-specular; None without
-    #: MIS.
+    #: Density of photons (:attr:`.Start.density`), 0 after a glossy surface; None without MIS.
     density: mi.Float | None
     #: Photons that have landed on glossy surfaces; None without MIS.
     glossy: Landed | None
@@ -75,8 +74,8 @@ class PhotonTracer:
 
     def _step(self, state: State, key: mi.UInt32) -> State:
         """Moves each photon to the next surface, where it continues by Russian roulette, else lands if the surface
-        gathers photons, but not on the first surface. On a glossy surface that is not near-specular, a photon may do
-        both (:meth:`.PhotonMIS.scatter`).
+        gathers photons, but not on the first surface. On a glossy surface a photon does both
+        (:meth:`.PhotonMIS.scatter`).
         """
         hit, medium = self._intersect(state)
         flags = hit.bsdf.flags()
@@ -88,21 +87,21 @@ class PhotonTracer:
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.SPECULAR)
         bs, weight, scatters, by_all_lobes = self._scatter(hit, (choice, mi.Point2f(x, y)), scatters)
         d = hit.si.to_world(bs.wo)
-        # At a diffuse or near-specular surface a photon either lands or continues. With the probability r / (1 + r) to
+        # At a diffuse surface a photon either lands or continues. With the probability r / (1 + r) to
         # continue, where r is ``flux_ratio``, both alternatives have about 1 + r times the arriving flux.
         flux = hit.flux * (weight * adjoint_correction(hit.si, bs.wo, d))
         flux_ratio = dr.select(scatters, dr.max(flux) / dr.max(state.flux), 0)
-        may_land = lands | (hit.near_specular & (hit.level > 0))
         survival = dr.minimum(flux_ratio, dr.select(hit.level < 4, 1, 0.95))
-        p_continue = dr.select(may_land, flux_ratio / (1 + flux_ratio), survival)
+        p_continue = dr.select(lands, flux_ratio / (1 + flux_ratio), survival)
         if self.mis is not None:  # with roulette, a varnish would reflect too few photons to glossy surfaces
             p_continue = dr.select((hit.level == 0) & (flux_ratio > 0) & (flux_ratio < FAINT), 1, p_continue)
         scatters &= roulette < p_continue
         lands = but_not(lands, scatters) & (hit.cos > 0)
-        density, glossy, land_weight = state.density, state.glossy, dr.rcp(dr.maximum(1 - p_continue, 1e-6))
+        density, glossy = state.density, state.glossy
         if self.mis is not None:
             assert glossy is not None
-            density, glossy = self.mis.scatter(glossy, hit, bs, weight, land_weight, scatters)
+            density, glossy = self.mis.scatter(glossy, hit, bs, weight)
+        land_weight = dr.rcp(dr.maximum(1 - p_continue, 1e-6))
         landed = dr.select(lands, hit.landed(land_weight, mi.Float(0)), state.landed)
         flux = dr.select(scatters, flux / dr.select(scatters, p_continue, 1), state.flux)
         medium = medium_beyond(hit.si, medium, d, scatters)
@@ -123,8 +122,7 @@ class PhotonTracer:
         cos = dr.abs(dr.dot(si.n, d))
         shading = bounded(dr.abs(mi.Frame3f.cos_theta(si.wi)), cos)
         inseparable = self.scattering.inseparable(bsdf, surface)
-        near = mi.Bool(False) if self.mis is None else self.mis.near_specular(bsdf, surface)
-        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, near, state.density), medium
+        return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, state.density), medium
 
     def _scatter(
         self, hit: Hit, u: LobePoint, active: mi.Bool

@@ -76,9 +76,9 @@ def lamp_light(
     """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``; 0 if the sampled
     point is hidden.
 
-    The lobes ``mis_lobes`` get MIS weights, because their rays, and perhaps photons, find the same light; the weight is
-    1 for a point light or a single direction. The lobes ``context.light_lobes`` get none, nor does an inseparable BSDF.
-    If photons carry the light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute.
+    The lobes ``mis_lobes`` get MIS weights, because their rays find the same light; the weight is 1 for a point light
+    or a single direction. The lobes ``context.light_lobes`` get none, nor does an inseparable BSDF. If photons carry
+    the light of the other lobes (:attr:`.Ray.light_found`), only diffuse lobes contribute.
     """
     ds, weight = sample
     si, ray, scattering = vertex.si, vertex.ray, context.scattering
@@ -92,8 +92,6 @@ def lamp_light(
     for lobe in mis_lobes:
         f_lobe, pdf_lobe = eval_lobe(context, lobe, vertex, wo, points, mis_active)
         weight_lobe = dr.select(ds.delta, 1, mis(ds.pdf, pdf_lobe))
-        if context.photon_mis is not None:
-            weight_lobe *= context.photon_mis.light_weight(vertex, ds, f_lobe, pdf_lobe, mis_active)
         f = f + f_lobe * weight_lobe
         terms.append((lobe, f_lobe, pdf_lobe, weight_lobe))
     f = dr.select(vertex.inseparable, diffuse, f)  # ``diffuse`` has the light of all lobes there

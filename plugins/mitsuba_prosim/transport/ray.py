@@ -45,11 +45,9 @@ class Ray:
     both_sides: mi.Bool | None = None
     #: The total importance of all lamps at the ray's origin; None where light sampling does not choose one lamp.
     importance: mi.Float | None = None
-    #: The étendue (:mod:`..photons.mis`) at the surface that the ray leaves by a smooth lobe, 0 after an ideal lobe,
-    #: unused after a diffuse lobe; and the étendue at earlier glossy surfaces, if the ray has met only specular and
-    #: near-specular surfaces since, else 0. Both are None without photons on glossy surfaces.
-    last_etendue: mi.Float | None = None
-    earlier_etendue: mi.Float | None = None
+    #: The étendue (:mod:`..photons.mis`) at the last glossy surface, if the ray has met only ideal lobes since, else 0;
+    #: unused after a diffuse lobe. None without photons on glossy surfaces.
+    etendue: mi.Float | None = None
 
     @property
     def is_visible(self) -> mi.Bool:

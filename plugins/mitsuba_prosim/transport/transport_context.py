@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..light.emitter_methods import warn_of_wrong_light
+from ..light.emitter_methods import warn_of_unsampled, warn_of_wrong_light
 from ..light.table import Lights
 from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
@@ -19,6 +19,7 @@ from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
 from .settings import Settings
+from .workarounds import warn_of_blends_in_maps
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -57,6 +58,9 @@ class Context:
         self.layers = layer_numbers(settings, self.lights.emitters)
         self.has_layers = bool(self.layers)
         self.aov_names = [f"{name}.{letter}" for name in self.layers for letter in "RGB"]
+        if settings.diffuse_bounces >= 0:
+            warn_of_unsampled(self.lights.emitters)
+        warn_of_blends_in_maps(scene, mi.BSDFContext() if settings.diffuse_bounces < 0 else lobes.only(lobes.SPECULAR))
         #: Samples and evaluates BSDFs.
         self.scattering = Scattering(scene, separate=settings.diffuse_bounces >= 0)
         #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
@@ -109,7 +113,7 @@ class Context:
         ray.both_sides = mi.Bool(False) if self.both_sides else None
         ray.passed = mi.Bool(True) if self.sees_through else None
         ray.importance = None if self.lights.sampler is None else mi.Float(0)
-        ray.last_etendue = ray.earlier_etendue = None if self.photon_mis is None else mi.Float(0)
+        ray.etendue = None if self.photon_mis is None else mi.Float(0)
         return ray
 
     def space(self, node: mi.UInt32, k: int | mi.UInt32) -> mi.UInt32:

@@ -125,9 +125,7 @@ def emission(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi
     pdf = lights.pdf(receiver, ds, uses_mis)
     weight = dr.select(uses_mis, mis(ray.pdf, pdf), 1)
     if context.photon_mis is not None:
-        # Only rays find light that comes directly from a sky.
-        photons_may_find = uses_mis | active & (ray.pdf == 0)
-        weight *= context.photon_mis.emission_weight(ray, origin, ds, pdf, photons_may_find)
+        weight *= context.photon_mis.emission_weight(ray, origin, ds, active & (ray.pdf == 0))
     value, number = dr.select(active, L * weight, 0), lights.number_of(emitter, active)
     context.observe("emission", ray, value=value, lamp=number, radiance=L, density=pdf, weight=weight, active=active)
     return value, number

@@ -4,12 +4,9 @@
     samples only its null lobe if the type mask lacks the null lobe. So :func:`sample` requests the null lobe, too.
 ``blendbsdf``
     adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light. So
-    :func:`sample` chooses one of the blended BSDFs itself (:func:`_sample_mixture`). A ``bumpmap`` or ``normalmap``
-    around a ``blendbsdf`` chooses by the same random number, but :func:`_sample_map` only lets it sample the kind of
-    lobes, ideal or smooth, that the chosen BSDF has. If a BSDF within the map is inseparable, ``blendbsdf`` still adds
-    its density and value to a sample of an ideal lobe, and :func:`_sample_map` subtracts both. One case remains wrong:
-    the null lobe of a ``mask`` that is blended, within a map, with an inseparable BSDF which transmits light.
-    ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending weight; :func:`sample` adds it.
+    :func:`sample` chooses one of the blended BSDFs itself (:func:`_sample_mixture`). It cannot do so within a
+    ``bumpmap`` or ``normalmap``: see :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal
+    lobes with respect to the blending weight; :func:`sample` adds it.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
     and :func:`belongs_to` assigns each sample to one lobe.
@@ -34,7 +31,7 @@ import mitsuba as mi
 from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, emitter_samples, is_mirrored_cylinder
 from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
-from ..optics.nested import Leaf, all_bsdfs, all_within, leaves, parts
+from ..optics.nested import all_bsdfs, all_within, leaves
 from . import lobes
 from .lobes import LobePoint
 
@@ -76,6 +73,19 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
         )
 
 
+def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
+    """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
+    maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
+    wrong = [b.id() for b in maps if any(_mixes_ideal_and_smooth(requested_lobes(lobe, one), one) for one in maps[b])]
+    if wrong:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {', '.join(map(repr, wrong))} may reflect too little or too much light: Mitsuba samples a "
+            "blendbsdf of a mirror, clear glass or a hole with another surface wrongly within a bumpmap or normalmap. "
+            "Put the map into the blendbsdf, around each of its BSDFs.",
+        )
+
+
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
@@ -93,8 +103,8 @@ def sample(
     is 0 if the BSDF sampled a lobe that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
-    if _mixes_ideal_and_smooth(lobe, bsdf):
-        bs, weight = (_sample_map if bsdf.class_name() in MAPS else _sample_mixture)(lobe, bsdf, si, u, active)
+    if _mixes_ideal_and_smooth(lobe, bsdf) and bsdf.class_name() not in MAPS:
+        bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
     bs.pdf = dr.select((bs.sampled_type & lobe.type_mask) != 0, bs.pdf, 0)
@@ -107,78 +117,27 @@ def _sample_mixture(
     """Samples one of the :func:`.leaves` of a mixture that has ideal and smooth lobes. A sample of a smooth lobe has
     the density and the value of all leaves together.
     """
-    (choice, point), share = u, mi.Float(1)
+    (choice, point), begin, share = u, mi.Float(0), mi.Float(1)
     bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
-    exact = True
-    for leaf, chosen, rest in _chosen_leaves(bsdf, si, choice, active):
+    for leaf in leaves(bsdf, si, active):
+        end = begin + dr.detach(leaf.share)
+        chosen = active & (choice >= begin) & (choice < end)
+        # A random number that is independent of this choice.
+        rest = dr.clip((choice - begin) / dr.select(end > begin, end - begin, 1), 0, 1 - 2**-24)
         if leaf.bsdf is None:
             one, own = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, 1, 1, lobes.mask("Null")
         else:
             one, own = sample(lobe, leaf.bsdf, leaf.si, (rest, point), chosen)
             one.wo.z = dr.select(leaf.si.wi.z == si.wi.z, one.wo.z, -one.wo.z)
-            exact = exact and not _mixes_ideal_and_smooth(lobe, leaf.bsdf)
         bs, weight, share = dr.select(chosen, (one, own, leaf.share), (bs, weight, share))
+        begin = end
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
     smooth = but_not(active & (bs.pdf > 0), ideal)
     f, pdf = eval_pdf(lobe, bsdf, si, bs.wo, smooth)
-    if exact:
-        weight = dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight)
-    weight *= dr.select(ideal, dr.relative_grad(share), 1)
+    weight = dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight) * dr.select(ideal, dr.relative_grad(share), 1)
     bs.pdf = dr.select(ideal, bs.pdf * dr.detach(share), dr.select(smooth, pdf, 0))
     return bs, weight
-
-
-def _sample_map(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Samples a ``bumpmap`` or ``normalmap`` around a mixture that has ideal and smooth lobes.
-
-    The random number that chooses a BSDF of the mixture tells which kind of lobes is sampled. If this BSDF has both
-    kinds, the lower half of its interval of random numbers stands for the ideal lobes.
-    """
-    (choice, point), takes_ideal, share, factor = u, mi.Bool(False), mi.Float(1), mi.Float(1)
-    for leaf, chosen, rest in _chosen_leaves(parts(bsdf)["nested_bsdf"], si, choice, active):
-        flags = lobes.mask("Null") if leaf.bsdf is None else int(leaf.bsdf.flags()) & lobe.type_mask
-        takes = mi.Bool(lobes.has_any(flags, *lobes.IDEAL))
-        if lobes.has_any(flags, *lobes.IDEAL) and lobes.has_any(flags, *lobes.SMOOTH):
-            takes, factor = rest < 0.5, dr.select(chosen, 2, factor)
-            rescaled = rest * 2 - dr.select(takes, mi.Float(0), 1)
-            choice = dr.select(chosen, choice + dr.detach(leaf.share) * (rescaled - rest), choice)
-        takes_ideal, share = dr.select(chosen, (takes, leaf.share), (takes_ideal, share))
-    context = _with_null_of_mask(lobes.only(lobes.IDEAL, lobe), bsdf)
-    ideal, ideal_weight = bsdf.sample(context, si, choice, point, active & takes_ideal)
-    if is_inseparable(bsdf):
-        # Subtracts the density and the value that ``blendbsdf`` adds to a sample of an ideal lobe. It adds nothing to
-        # the null lobes of a ``mask`` around the ``blendbsdf``.
-        added = lobes.IDEAL[:2] if any(_within(bsdf, MASK)) else lobes.IDEAL
-        adds = active & takes_ideal & lobes.has_any(ideal.sampled_type, *added)
-        f, pdf = bsdf.eval_pdf(context, si, ideal.wo, adds)
-        probability = dr.maximum(ideal.pdf - pdf, 0)
-        own = (ideal_weight * ideal.pdf - f) / dr.select(probability > 0, probability, 1)
-        ideal.pdf, ideal_weight = dr.select(adds, (probability, own), (ideal.pdf, ideal_weight))
-    ideal.pdf = dr.select(lobes.has_any(ideal.sampled_type, *lobes.IDEAL), ideal.pdf, 0)
-    context, takes_smooth = lobes.only(lobes.SMOOTH, lobe), but_not(active, takes_ideal)
-    smooth, smooth_weight = bsdf.sample(_with_null_of_mask(context, bsdf), si, choice, point, takes_smooth)
-    sampled = takes_smooth & lobes.has_any(smooth.sampled_type, *lobes.SMOOTH)
-    smooth.pdf = dr.select(sampled & (smooth.pdf > 0), eval_pdf(lobe, bsdf, si, smooth.wo, sampled)[1], 0)
-    ideal_weight *= dr.relative_grad(share)
-    bs, weight = dr.select(takes_ideal, (ideal, ideal_weight), (smooth, smooth_weight))
-    return bs, weight * factor
-
-
-def _chosen_leaves(
-    bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, choice: mi.Float, active: mi.Bool
-) -> Iterator[tuple[Leaf, mi.Bool, mi.Float]]:
-    """Yields ``(leaf, chosen, rest)`` for each of the :func:`.leaves` of ``bsdf``: the lanes in which ``choice`` in
-    [0, 1) chooses the leaf, and there a random number in [0, 1) that is independent of this choice.
-    """
-    begin = mi.Float(0)
-    for leaf in leaves(bsdf, si, active):
-        end = begin + dr.detach(leaf.share)
-        rest = (choice - begin) / dr.select(end > begin, end - begin, 1)
-        yield leaf, active & (choice >= begin) & (choice < end), dr.clip(rest, 0, 1 - 2**-24)
-        begin = end
 
 
 def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:

@@ -18,14 +18,14 @@ WEIGHTS = np.array([*np.eye(3), *(1 - np.eye(3)) / 2, [1 / 3] * 3])
 def meshes_and_error(text):
     """The meshes of a scene, and their largest distance from the curved faces of their leaves, in pixels."""
     meshes, camera, result = solids(text, 0.1), camera_of(document_of(text)), [0.0]
-    for shape, index in re.findall(r"(SPHERE|CYLINDER|CONE|TORUS) (\d+)", text):
+    for shape, index, radius in re.findall(r"(SPHERE|CYLINDER|CONE|TORUS) (\d+)((?: radius \S+)?)", text):
         if (mesh := meshes.get(index := int(index))) is None:
             continue
         local, linear = turned(text, index)
         triangles = mesh.positions[camera.may_see(mesh.positions)]
         triangles = triangles[is_side(shape, local(triangles))]
         points = WEIGHTS @ triangles
-        value, gradient = curved_face(shape, local(points))
+        value, gradient = curved_face(shape + radius, local(points))
         distance = np.abs(value) / np.maximum(np.linalg.norm(gradient @ linear, axis=2), 1e-300)
         pixels = distance / camera.footprint(np.linalg.norm(points - camera.eye, axis=2))
         result.append(pixels.max(initial=0))
@@ -48,6 +48,10 @@ INSIDE = {
     "ball in an elliptic tube": ["SPHERE", "CYLINDER SCALE (1 1.7 3) TRANSLATE (0 0 -1)"],
     "ball in a cone": [f"SPHERE TRANSLATE (0 0 {2**0.5})", "CONE SCALE (3 3 3)"],
     "tube in a tube": ["CYLINDER ROTATE-Z (13) SCALE (.5 .5 1) TRANSLATE (.5 0 .2)", "CYLINDER SCALE (1 1 2)"],
+    "cone in a cone": ["CONE ROTATE-Z (13) SCALE (1.9 1.9 1.9) TRANSLATE (0 0 .0001)", "CONE SCALE (2 2 2)"],
+    "stump in a stump": ["CONE radius .4 ROTATE-Z (13) SCALE (.9 .9 .771) TRANSLATE (0 0 .1)", "CONE radius .29"],
+    "stump in a cone": ["CONE radius .4 ROTATE-Z (13) SCALE (.9 .9 .54) TRANSLATE (0 0 .36001)", "CONE"],
+    "three cones": [f"CONE SCALE ({2 - i / 5} {1 - i / 10} {2 - i / 5}) TRANSLATE (0 0 {i / 1e4})" for i in (2, 1, 0)],
     "ring in a ball": ["TORUS SCALE (.8 .8 .8)", "SPHERE"],
     "ring in a tube": ["TORUS SCALE (.8 .8 .8)", TUBE],
     "coating of a tube": [
@@ -68,9 +72,9 @@ NAMES = [*(name for name in INSIDE if name not in COSTLY), *slow(*COSTLY)]
 
 
 def shapes_and_transforms(name):
-    """Of the solids INSIDE."""
-    parts = [solid.partition(" ") for solid in INSIDE[name]]
-    return [shape for shape, _, _ in parts], [f"{steps} {TURN}" for _, _, steps in parts]
+    """The leaves and the transforms of the solids INSIDE."""
+    parts = [re.match(r"(\w+)((?: radius \S+)?)(.*)", solid).groups() for solid in INSIDE[name]]
+    return [f"{shape} {i}{radius}" for i, (shape, radius, _) in enumerate(parts)], [f"{p[2]} {TURN}" for p in parts]
 
 
 def test_truncated_cone_hides_a_ball_that_touches_it_from_inside():
@@ -84,7 +88,7 @@ def test_truncated_cone_hides_a_ball_that_touches_it_from_inside():
 @pytest.mark.parametrize("view", [VIEW, *slow("OBS 3 -4 2 VRP 0 0 0 WINDOW -2 -2 2 2")], ids=["far", "near"])
 def test_curved_solid_hides_solids_that_touch_it_from_inside(name, view, recwarn):
     shapes, transforms = shapes_and_transforms(name)
-    tree = "+ " * (len(shapes) - 1) + " ".join(f"{shape} {i}" for i, shape in enumerate(shapes))
+    tree = "+ " * (len(shapes) - 1) + " ".join(shapes)
     text = scene(tree, transforms).replace(VIEW, view)
     meshes, error = meshes_and_error(text)
     assert set(meshes) == {len(shapes) - 1} and error <= 0.1
@@ -98,9 +102,7 @@ def test_curved_solid_in_a_hollow_of_its_own_width_keeps_its_size(name):
     """The outermost solid is taken away from a block. All solids in it stay as large as they are."""
     shapes, transforms = shapes_and_transforms(name)
     count = len(shapes)
-    tree = " ".join(
-        [*["+"] * (count - 1), f"- CUBE {count}", *(f"{s} {i}" for i, s in reversed(list(enumerate(shapes))))]
-    )
+    tree = " ".join([*["+"] * (count - 1), f"- CUBE {count}", *reversed(shapes)])
     text = scene(tree, [*transforms, f"SCALE (9 9 9) TRANSLATE (-4.5 -4.5 -4.5) {TURN}"])
     meshes, error = meshes_and_error(text)
     assert count - 2 in meshes and error <= 0.1

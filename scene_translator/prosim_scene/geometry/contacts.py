@@ -13,12 +13,13 @@ meshes of a longer chain are finer.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from .grouping import group_equal, sweep
-from .primitives import Primitive
+from .primitives import Primitive, primitive_of
 from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
@@ -26,6 +27,7 @@ BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are t
 STEPS = 16  # the number of steps that improve a tangent plane
 SMALLEST = 1e-3  # the smallest scale of a solid, which a warning names, because its face is far off
 NEAR = 5  # how many chord errors of the outer mesh may lie between a face and the outer face that it touches
+PARALLEL = 0.05  # how much the distance of parallel sides of cones may vary, relative to the radius
 
 
 class Contacts(NamedTuple):
@@ -68,20 +70,22 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns contacts of curved faces: a ball or a torus in a convex one, or a cylinder in a parallel one. Others are
-    rims, where a gap would look like a wall.
+    """Returns contacts of curved faces: a ball or a torus in a convex one, or a cylinder or a cone in a parallel one.
+    Others are rims, where a gap would look like a wall.
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
     found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
-    for inner, outer, relative, hulls, normals in _enclosed(solids, order):
-        primitive = solids[outer[0]].primitive
-        reach, loss = _reach(primitive, relative, hulls, normals)
+    for inner, outer, reach, loss in chain(_enclosed(solids, order), _cones_in_cones(solids)):
         near = 1 - NEAR * np.array([1 - solids[j].inradius for j in outer])
-        touches = (reach > near) & (reach <= 1 + INSIDE)
+        touches = (reach > near) & (reach <= 1 + INSIDE) & (first[inner] != first[outer])
         found.append([column[touches] for column in (first[inner], first[outer], reach, loss)])
     contacts = Contacts(*(np.concatenate(column) for column in zip(*found)))
-    sorting = np.argsort(order[contacts.outer], kind="stable")
+    depth, deeper = np.full(len(solids), -1), np.zeros(len(solids), int)  # the longest chain of contacts in a solid
+    while (deeper != depth).any() and deeper.max() <= len(solids):
+        depth = deeper.copy()
+        np.maximum.at(deeper, contacts.outer, depth[contacts.inner] + 1)
+    sorting = np.argsort(depth[contacts.outer], kind="stable")
     return Contacts(*(column[sorting] for column in contacts))
 
 
@@ -97,10 +101,8 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
     """Yields pairs of an inner and an outer solid, of which the inner one lies inside the quadric of the outer one. All
     outer solids of an item have the same primitive.
 
-    An item has the numbers of the inner and the outer solids (k,), the matrices (k, 3, 4) from the coordinates of the
-    inner primitives to those of the outer primitive, the ``hull`` (k, 2) of the inner primitives, and the normals (k,
-    3) of tangent planes near the contacts.
-    ``order`` (n,) has the ranks of :func:`_order`.
+    An item has the numbers of the inner and the outer solids (k,), and the columns ``reach`` and ``loss`` of
+    :class:`Contacts`. ``order`` (n,) has the ranks of :func:`_order`.
     """
     curved = np.flatnonzero([s.primitive.curved is not None for s in solids])
     boxes = world_box_corners([solids[i] for i in curved.tolist()])
@@ -122,7 +124,37 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
             heights, normals = _highest(primitive, relative, hulls[i])
             within = heights <= INSIDE
             if within.any():
-                yield i[within], j[within], relative[within], hulls[i[within]], normals[within]
+                yield i[within], j[within], *_reach(primitive, relative[within], hulls[i[within]], normals[within])
+
+
+def _cones_in_cones(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yields items as :func:`_enclosed` does: pairs of parallel cones whose sides are nearly parallel, too."""
+    cones = np.flatnonzero([s.primitive.name == "cone" for s in solids])
+    of_cones = [solids[i] for i in cones.tolist()]
+    boxes, to_world = world_box_corners(of_cones), np.array([s.to_world for s in of_cones]).reshape(-1, 4, 4)
+    bottoms, primitive = np.array([s.primitive.box[0][2] for s in of_cones]), primitive_of("cone")
+    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
+        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+        tilt, height = np.abs(relative[:, [0, 1, 2, 2], [2, 2, 0, 1]]).max(axis=1), relative[:, 2, 2]
+        low = np.maximum(bottoms[j], relative[:, 2, 3] + height * bottoms[i])
+        high = np.minimum(1, relative[:, 2, 3] + height)
+        low = np.maximum(low, 1e-6 * high)  # not at the apex
+        chosen = (tilt < INSIDE) & (height > 0) & (high - low > 0.01 * np.minimum(1, height))
+        i, j, relative, height = i[chosen], j[chosen], relative[chosen], height[chosen]
+        found = []
+        for z in low[chosen], high[chosen]:
+            disc = relative * ((z - relative[:, 2, 3]) / height)[:, None, None]  # the section of the inner cone
+            disc[:, :, 3] = disc[:, :, 2] + relative[:, :, 3]
+            disc[:, :, 2] = 0
+            hull = np.tile([1.0, 0.0], (len(disc), 1))
+            found.append(_reach(primitive, disc, hull, _highest(primitive, disc, hull)[1]))
+        (reach, _), (other, _) = found
+        # Of cones that only touch at a rim, the distances of the sides differ.
+        parallel = np.abs((1 - reach) * low[chosen] - (1 - other) * high[chosen]) < PARALLEL * high[chosen]
+        near = parallel & (np.maximum(reach, other) <= 1 + INSIDE) & (reach + other < 2)
+        for end, end_loss in found:
+            yield cones[i[near]], cones[j[near]], end[near], end_loss[near]
 
 
 def _highest(primitive: Primitive, relative: np.ndarray, hulls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,9 +19,6 @@ STOCK = (
     "checkerboard hg rayleigh isotropic sphere cylinder multijitter stratified gaussian hdrfilm homogeneous "
     "prosim_lambertian prosim_composite prosim_area prosim_point prosim_product prosim nrook owen srgb"
 )
-#: The same without a change; not that of sunsky, which has a fault of Mitsuba's.
-RIGHT = {str(table[name][0]): (kind, name) for kind, (*_, table) in mutants.KINDS.items() for name in table}
-del RIGHT["sunsky"]
 LITERAL, SPOT = {"normalized": False}, {"distribution": "spot", "exponent": 6.0, "angle": 60.0}
 GROOVES = {"multiple_scattering": True}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian", "fresnel": "thesis", "eta": 1.5, "k": 2.0}
@@ -68,8 +65,9 @@ def test_check_finds_fault(kind, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind, name", RIGHT.values())
-def test_check_accepts_unchanged_wrapper(kind, name):
+@pytest.mark.parametrize("kind", mutants.KINDS)
+def test_check_accepts_wrapper_without_a_change(kind):
+    name, *_ = mutants.KINDS[kind][-1]
     check.check(f"right_{kind}_{name}", modules=["mutants"]).raise_if_wrong()
 
 

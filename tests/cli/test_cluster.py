@@ -26,7 +26,7 @@ from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
 from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor
-from mitsuba_prosim.scene import scene_file, session
+from mitsuba_prosim.scene import scene_file
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_frames import FILM
 from test_samples_per_pixel import INTEGRATORS, SPP
@@ -193,26 +193,6 @@ def test_by_threads_of_this_process(lamp, monkeypatch):
             there(client, lamp)
 
 
-#: Two mirrors of 1e-20 show a sky of 1e38; a product of the mirrors is a denormal number.
-MIRROR = """<shape type="rectangle"><transform name="to_world"><scale value="{}"/>{}</transform>
-    <bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>
-    <rgb name="specular_reflectance" value="1e-20, 1e-20, 2e-20"/></bsdf></bsdf></shape>"""
-MIRRORS = [MIRROR.format(3, '<translate y="4" z="4"/>'), MIRROR.format(30, '<translate z="-4"/>')]
-SKY = '<emitter type="constant"><rgb name="radiance" value="1e38"/></emitter>'
-SENSOR = '<sensor type="perspective">'
-UPWARDS = '<float name="fov" value="10"/><transform name="to_world"><rotate x="1" angle="-45"/></transform>'
-
-
-@pytest.mark.slow
-def test_denormal_numbers_are_the_same_by_workers(client, scene, variant_rgb):
-    """Whether a kernel runs in a thread of Dr.Jit or in the thread that launches it."""
-    scene.write_text(scene_text(ADAPTIVE_PATH, "".join(MIRRORS) + SKY, 64, 48).replace(SENSOR, SENSOR + UPWARDS))
-    image = there(client, scene)
-    for threads in 1, 2, 16:
-        with session.threads(threads):
-            assert np.array_equal(here(scene), image)
-
-
 #: Lets a worker forget its scenes.
 FORGET = "from mitsuba_prosim.parallel import worker; worker.scenes.clear()"
 
@@ -251,26 +231,6 @@ def test_lost_workers_do_not_change_the_image(client, lamp):
         client.cluster.sync(gone.close)
         client.wait_for_workers(2, timeout=PATIENCE)
     assert gone not in client.cluster.workers.values()
-
-
-#: A glass ball before a wall; four sets of photons, for four samples of each pixel.
-BALL = '<shape type="sphere"><point name="center" x="0" y="0" z="2.5"/><bsdf type="dielectric"/></shape>'
-GLASS = scene_text('<integrator type="prosim"/>', LIT_FLOOR + BALL, 48, 32)
-PHOTONS = {"samples": 2, "max_samples": 16, "adaptive": "none", "caustics": True, "caustic_photons": 4096}
-
-
-@pytest.mark.slow
-def test_photons_are_the_same_if_a_worker_is_lost(client, scene, variant_rgb, monkeypatch):
-    scene.write_text(GLASS)
-    expected = here(scene, integrator=PHOTONS)
-    assert not np.array_equal(expected, here(scene, integrator=PHOTONS | {"caustics": False}))
-    monkeypatch.setattr(DaskExecutor, "limit", lambda *_: 2000)
-    client.run(exec, FORGET)
-    assert np.array_equal(there(client, scene, integrator=PHOTONS), expected)
-    client.run(exec, FORGET)
-    acts = [lambda: kill_one(client)]
-    image = there(client, scene, lambda _: acts and acts.pop()(), integrator=PHOTONS)
-    assert np.array_equal(image, expected) and not acts
 
 
 @pytest.mark.slow

@@ -117,7 +117,7 @@ MATERIALS = ("composite", "conductor", "dielectric", "lambertian", "phong")
 @pytest.mark.parametrize(
     "integrator, mode, threads",
     [(name, "scalar_rgb", 4) for name in INTEGRATORS]
-    + [(INTEGRATORS[0], mode, threads) for mode in ("scalar_rgb", "scalar_spectral") for threads in (1, 2, 16)],
+    + [(INTEGRATORS[0], *how) for how in (("scalar_rgb", 1), ("scalar_spectral", 2), ("scalar_rgb", 16))],
 )
 def test_scalar_render_ends(tmp_path, mitsuba, integrator, mode, threads):
     """Threads of Mitsuba take the samples, while the thread that renders waits for them."""

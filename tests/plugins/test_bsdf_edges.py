@@ -73,8 +73,10 @@ def phong(wi, wo, lobe, kd=0.3, ks=0.6):
     n = lobe["exponent"]
     versine = 0.5 * ((wi * [[-1], [-1], [1]] - wo) ** 2).sum(0)
     power = np.where(versine < 1, np.exp(n * np.log1p(-np.minimum(versine, 1 - 1e-12))), 0) / (2 * np.pi)
-    p = ks / (ks + kd)
-    return kd * wo[2] / np.pi + ks * (n + 2) * power * wo[2], (1 - p) * wo[2] / np.pi + p * (n + 1) * power
+    literal = "normalized" in lobe  # I_r = I_i (kd cos + ks cos^n)
+    factor, share = (2 * wo[2] / wi[2], 2 * ks / (n + 1)) if literal else ((n + 2) * wo[2], ks)
+    p = share / (share + kd)
+    return kd * wo[2] / np.pi + ks * factor * power, (1 - p) * wo[2] / np.pi + p * (n + 1) * power
 
 
 def glass(wi, wo, lobe, eta):
@@ -161,6 +163,7 @@ REFLECTING = (
     ("prosim_composite", composite, GLASS | PAINT, LOBES),
     ("prosim_dielectric", lambda wi, wo, lobe: glass(wi, wo, lobe, 1.5), GLASS, LOBES),
     ("prosim_phong", phong, PAINT, [lobe for lobe in LOBES if "exponent" in lobe]),
+    ("prosim_phong", phong, PAINT, [{"exponent": n, "normalized": False} for n in (0.0, 100.0)]),
 )
 
 

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from scenes import grid, only
+from scenes import grid
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian"}
@@ -22,7 +22,6 @@ ROUGH = (
 GROOVES = [{**bsdf, "multiple_scattering": True} for bsdf in ROUGH[:9]]
 #: Phong's model without its normalisation.
 LITERAL = [PHONG | {"exponent": n, "normalized": False} for n in (0.0, 100.0)]
-SPECULAR = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.DeltaReflection
 
 
 def label(d):
@@ -62,26 +61,6 @@ def test_bsdfs_are_reciprocal(variant_rgb, bsdf):
     off = ~np.isclose(there, back, rtol=1e-4, atol=1e-4 * there.mean())
     assert off.mean() < 1e-3  # floats are coarse at the critical angle
     np.testing.assert_allclose(there, back, rtol=2e-2, atol=1e-4 * there.mean())
-
-
-@each(LITERAL)
-def test_literal_phong_is_the_equation_of_the_thesis(variant_rgb, bsdf):
-    """I_r = I_i (kd cos + ks cos^n), where pi I_i is the irradiance on a surface that faces the light."""
-    wi, wo = directions(20000, 1), directions(20000, 2)
-    si, ctx = curves.interaction(wi), mi.BSDFContext()
-    cos = (np.array(mi.reflect(wi), dtype=float) * np.array(wo, dtype=float)).sum(axis=0)
-    lobe = np.where(cos > 0, np.abs(cos) ** bsdf["exponent"], 0)
-    expected = (bsdf["diffuse_reflectance"] * np.array(wo.z) + bsdf["specular_reflectance"] * lobe) / np.pi
-    loaded = mi.load_dict(bsdf)
-    np.testing.assert_allclose(spectrum(loaded.eval(ctx, si, wo))[0], expected, rtol=1e-4, atol=1e-6)
-    # A sample of the lobe has the same weight everywhere, 2 ks / (n + 1); grazing light keeps values finite.
-    bs, weight = loaded.sample(only(SPECULAR), si, *uniform(20000, 3))
-    weight = spectrum(weight)[0][np.array(bs.pdf) > 0]
-    np.testing.assert_allclose(weight, 2 * bsdf["specular_reflectance"] / (bsdf["exponent"] + 1), rtol=1e-3)
-    low = mi.Vector3f(1, 0, 0) + mi.Vector3f(0, 0, mi.Float(np.geomspace(1e-7, 1e-3, 50)))
-    for mode in (mi.TransportMode.Radiance, mi.TransportMode.Importance):
-        value = loaded.eval(mi.BSDFContext(mode), curves.interaction(low), mi.Vector3f(-low.x, 0, low.z))
-        assert np.isfinite(spectrum(value)).all()
 
 
 STRIPES = {"type": "prosim_stripes", "color0": 0.2, "color1": 0.9}

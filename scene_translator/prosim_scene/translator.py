@@ -2,9 +2,11 @@
 
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from .atomic_files import TemporaryFolder
 from .geometry import TranslationCache
@@ -91,7 +93,6 @@ def translate(
 def load(
     source: AnyPath | Document,
     *,
-    transform: Callable[[Any], Any] | None = None,
     define: Mapping[str, object] | None = None,
     cache: TranslationCache | None = None,
     **options: Any,
@@ -99,8 +100,8 @@ def load(
     """Translates a scene file to a dictionary for ``mi.load_dict``; :func:`translate` describes the options.
 
     The meshes are in a temporary folder, which exists until the returned dictionary and its copies are deleted, or the
-    process ends. ``transform`` converts a 4x4 array to Mitsuba's type for a transform; by default it is
-    ``mitsuba.ScalarTransform4f`` of the active variant, or converts nothing if Mitsuba is not imported.
+    process ends. A transform is a ``mitsuba.ScalarTransform4f`` of the active variant, or a 4x4 array if Mitsuba has no
+    active variant.
     """
     checked, opened = Options(**options), _opened(source, define)
     try:
@@ -108,9 +109,7 @@ def load(
     except OSError as error:
         raise SceneError(error.strerror or str(error), error.filename or tempfile.gettempdir()) from None
     mitsuba = sys.modules.get("mitsuba")
-    if transform is None and mitsuba is not None and mitsuba.variant() is not None:
-        transform = mitsuba.ScalarTransform4f
-    result: Node = plain(tree, transform or (lambda matrix: matrix))
+    result: Node = plain(tree, mitsuba.ScalarTransform4f if mitsuba and mitsuba.variant() else np.asarray)
     return result
 
 

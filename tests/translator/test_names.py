@@ -3,6 +3,7 @@
 import math
 import random
 
+import numpy as np
 import prosim_scene
 import pytest
 from prosim_scene import SceneError
@@ -58,8 +59,9 @@ def test_names_have_the_values_of_the_caller_or_of_their_defaults(tmp_path, writ
         opened = prosim_scene.document(path, define)
         assert opened.scene.view.eye == pytest.approx((180, 90, -180)) and opened.scene.surfaces[0].metal == "Au"
         assert prosim_scene.check(path, define=define) == opened.scene == prosim_scene.check(opened)
-        node = prosim_scene.load(path, define=define, transform=lambda matrix: matrix)
-        assert node["view"]["to_world"][:3, 3] == pytest.approx((180, 90, -180))
+        node = prosim_scene.load(path, define=define)
+        to_world = node["view"]["to_world"]  # Mitsuba's type, if another test of this process has imported Mitsuba
+        assert np.array(getattr(to_world, "matrix", to_world))[:3, 3] == pytest.approx((180, 90, -180))
         assert "180" in prosim_scene.translate(path, tmp_path / "out", define=define).read_text()
     with pytest.raises(SceneError, match=r"pass it to prosim_scene\.document"):
         prosim_scene.check(opened, define=define)
@@ -189,7 +191,7 @@ def test_an_image_lights_the_scene(tmp_path, write_scene):
     document = prosim_scene.document(write_scene("LUZES CEU ceu.exr CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END"))
     assert list(prosim_scene.images(document)) == [("ceu.exr", ("lights", 0, "image"))]
     for target in "prosim", "stock":
-        sky = prosim_scene.load(document, target=target, transform=lambda matrix: matrix)["light_0"]
+        sky = prosim_scene.load(document, target=target)["light_0"]
         assert sky == {"type": "envmap", "filename": str(tmp_path / "ceu.exr")}
     for wrong, words in ("SKY position 0 0 9", "found 'position'"), ("SKY none.exr", "does not exist"):
         with pytest.raises(SceneError, match=words):

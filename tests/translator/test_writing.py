@@ -8,12 +8,13 @@ import re
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, writer
+from prosim_scene import SceneError
 from waiting import PATIENCE
 
 SCENE = """LIGHTS POINT position 0 5 5
@@ -158,21 +159,20 @@ def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
-def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch):
+def test_a_translation_waits_for_another_one(scene):
     import fcntl
 
     xml = prosim_scene.translate(scene, tolerance=1)
     before = everything(scene.parent)
-    monkeypatch.setattr(writer, "LOCK_TIMEOUT", 0.1)
     lock = os.open(scene.parent, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(SceneError, match="another translation is writing to this folder") as error:
-            prosim_scene.translate(scene, tolerance=1)
-    finally:
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(prosim_scene.translate, scene, tolerance=2)
+        with pytest.raises(TimeoutError):
+            waiting.result(1)
+        unchanged = everything(scene.parent) == before
         os.close(lock)
-    assert str(scene.parent) in str(error.value) and everything(scene.parent) == before
-    assert prosim_scene.translate(scene, tolerance=1) == xml
+    assert unchanged and waiting.result() == xml and everything(scene.parent) != before
 
 
 def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):
@@ -182,7 +182,7 @@ def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):
 
 def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    loaded = prosim_scene.load(scene, tolerance=1, transform=lambda matrix: matrix)
+    loaded = prosim_scene.load(scene, tolerance=1)
     (folder,) = tmp_path.glob("prosim-scene-*")
     kept = {"type": "scene", "mine": dict(copy.deepcopy(loaded)["surface_1"])}
     del loaded

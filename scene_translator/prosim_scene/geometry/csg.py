@@ -205,28 +205,18 @@ def _divisible(operands: Iterable[Operand]) -> bool:
     return True
 
 
-CROWDED = 8  # a union is divided if each body touches more than twice this number of other bodies, on average
-
-
 def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
     owns the face.
 
-    A union of bodies that share no surface is one operation of manifold3d if few of the bodies touch. Other unions are
-    divided into halves. If many bodies touch, they are first sorted by that side of their boxes whose position varies
-    most, because the unions of neighbours have few triangles.
+    A union of bodies that share no surface is one operation of manifold3d. Other unions are divided into halves.
     """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    shared, boxes = _share_surfaces(distinct), np.array([body.box for body in distinct])
-    pairs = sum(len(first) for first, _ in sweep(boxes[:, 0], boxes[:, 1]))
-    if len(distinct) == 2 or (not shared and pairs <= CROWDED * len(distinct)):
+    if len(distinct) == 2 or not _share_surfaces(distinct):
         return _combined(distinct, OpType.Add, distinct)
-    if not shared:
-        sides = boxes.reshape(-1, 6)
-        distinct = [distinct[i] for i in np.argsort(sides[:, np.ptp(sides, axis=0).argmax()])]
     middle = len(distinct) // 2
     return union([union(distinct[:middle]), union(distinct[middle:])])
 

@@ -40,10 +40,18 @@ def sellmeier(name, nm):
 # ------------------------------------------------------------------ the index
 
 
+def test_material_may_be_a_formula(variant_rgb):
+    text = ", ".join(str(value) for term in MATERIALS["sf10"] for value in term)
+    named, numbered = (mi.traverse(mi.load_dict(SF10 | {"int_material": one})) for one in ("SF10", text))
+    for i in 1, 2, 3:
+        for name in f"int_B{i}", f"int_C{i}":
+            assert np.array_equal(named[name], numbered[name])
+
+
 def test_formulas_give_what_catalogues_state(variant_rgb):
     assert set(MATERIALS) == set(CATALOGUE)
     for name, (n_d, abbe) in CATALOGUE.items():
-        n = [Dispersion.of_material(name).index(w)[0] for w in (D, F, C)]
+        n = [Dispersion.sellmeier(MATERIALS[name]).index(w)[0] for w in (D, F, C)]
         assert n == pytest.approx([sellmeier(name, w) for w in (D, F, C)], abs=1e-6)
         exact = [sellmeier(name, w) for w in (D, F, C)]
         assert exact[0] == pytest.approx(n_d, abs=1.1e-5)

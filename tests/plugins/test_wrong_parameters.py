@@ -60,6 +60,10 @@ WRONG = [
     ("prosim_dielectric", {"int_material": "bk7", "int_abbe": 50.0}, "int_abbe|int_material"),
     ("prosim_dielectric", {"int_abbe": 50.0}, "int_abbe|int_ior"),
     ("prosim_dielectric", {"int_ior": 1.5, "int_abbe": 0.0}, "int_abbe|>= 1"),
+    *[
+        ("prosim_dielectric", {"int_material": text}, "int_material|bk7, f2|B1, C1")
+        for text in ("1, x", "1, .3", "1, 2, 3")
+    ],
     ("prosim_dielectric", {"int_ior": 0.5, "int_abbe": 1.0}, "int_abbe|index is > 0 from 360"),
     ("prosim_lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),

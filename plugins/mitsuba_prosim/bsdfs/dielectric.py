@@ -38,7 +38,8 @@ class Dielectric(Material):
      * - int_material, ext_material
        - |string|
        - Instead of an index, a dispersive material: ``bk7``, ``f2``, ``sf10``, ``sf11``, ``lasf9``,
-         ``silica``, ``diamond``, ``zirconia`` or ``water``. (Default: none)
+         ``silica``, ``diamond``, ``zirconia`` or ``water``; or the numbers :math:`B_1, C_1, B_2, C_2, ...` of
+         Sellmeier's formula. (Default: none)
 
      * - int_abbe, ext_abbe
        - |float|

@@ -1,4 +1,4 @@
-"""Indices of refraction that depend on the wavelength: by an Abbe number, or by the name of a material.
+"""Indices of refraction that depend on the wavelength: by an Abbe number, or by the name or formula of a material.
 
 The functions of this module take wavelengths in nm. Cauchy's and Sellmeier's formulas use wavelengths in µm, as in the
 catalogues of glass makers.
@@ -6,7 +6,8 @@ catalogues of glass makers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from math import inf
 from typing import Any
 
@@ -61,10 +62,9 @@ class Dispersion:
         dr.make_opaque(self.coefficients)
 
     @classmethod
-    def of_material(cls, name: str) -> Dispersion:
-        """Returns the dispersion of one of the :data:`MATERIALS`."""
-        terms = enumerate(MATERIALS[name], 1)
-        return cls(**{f"{letter}{i}": value for i, term in terms for letter, value in zip("BC", term)})
+    def sellmeier(cls, terms: Iterable[tuple[float, float]]) -> Dispersion:
+        """Returns the dispersion by Sellmeier's formula with B and C of each term, as in :data:`MATERIALS`."""
+        return cls(**{f"{letter}{i}": value for i, term in enumerate(terms, 1) for letter, value in zip("BC", term)})
 
     def index(self, wavelength: mi.Float | float) -> mi.Float:
         """Returns the index at a ``wavelength`` in nm; outside 300 to 1000 nm the nearer end counts."""
@@ -154,16 +154,14 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     It is a number if it is the same at all wavelengths: the parameter ``<side>_ior`` alone, or the material
     ``default``. It is a :class:`Dispersion` by ``<side>_ior`` with the Abbe number ``<side>_abbe``, or by
     ``<side>_material``. Raises ValueError for wrong values, for other combinations, and for an index that is not
-    positive from 360 to 830 nm.
+    positive and finite from 360 to 830 nm.
     """
     ior, abbe, material = (f"{side}_{name}" for name in ("ior", "abbe", "material"))
     if material in props:
         for name in (ior, abbe):
             if name in props:
                 raise reject(props, name, props[name], f'no "{name}" together with "{material}"')
-        if (chosen := str(props[material]).lower()) not in MATERIALS:
-            raise reject(props, material, props[material], ", ".join(MATERIALS))
-        return Dispersion.of_material(chosen)
+        return Dispersion.sellmeier(_terms(props, material))
     n = index(props, ior, default)
     if abbe not in props:
         return n
@@ -173,6 +171,20 @@ def read_index(props: mi.Properties, side: str, default: str) -> float | Dispers
     if not min(a + b / 0.36**2, a + b / 0.83**2) > 0:
         raise reject(props, abbe, props[abbe], "a number with which the index is > 0 from 360 to 830 nm")
     return Dispersion(A=a, B=b)
+
+
+def _terms(props: mi.Properties, name: str) -> tuple[tuple[float, float], ...]:
+    """Reads B and C of each term of Sellmeier's formula: the name of a material, or the numbers B1, C1, B2, C2, ..."""
+    text = str(props[name]).lower()
+    if text in MATERIALS:
+        return MATERIALS[text]
+    with suppress(ValueError):  # a word is no number, or a number has no partner
+        values = iter([float(word) for word in text.split(",")])
+        terms = tuple(zip(values, values, strict=True))
+        if all(0 < dr.slice(Dispersion.sellmeier(terms).index(w)) < inf for w in range(360, 831, 10)):
+            return terms
+    numbers = "the numbers B1, C1, B2, C2, ... of Sellmeier's formula for an index > 0 from 360 to 830 nm"
+    raise reject(props, name, props[name], f"{', '.join(MATERIALS)}, or {numbers}")
 
 
 def cauchy(n_d: float, abbe: float) -> tuple[float, float]:

@@ -7,8 +7,6 @@ from typing import Any
 import click
 import mitsuba as mi
 
-from ..compat import PLACE
-from ..scene import session
 from . import files
 from .files import SCENE_FILE
 from .job import Command, Job, job_options
@@ -47,17 +45,9 @@ def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> 
             specs = methods.Spec(a), methods.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
             compared_scene = methods.ComparedScene(job.read_scene(resources.folder))
-            for spec in specs:  # finds errors in A and B before the long work begins
-                try:
-                    compared_scene.method(spec, spec.transport or "scene", spp=4)
-                except RuntimeError as error:
-                    # The message names a line of the scene, but the error is in A or B: removes the line.
-                    raise ValueError(
-                        f"'{spec.text}': {PLACE.sub('', session.message(error)).removeprefix(': ')}"
-                    ) from None
+            exposure = job.exposure or 0.0
+            compared = comparison.Comparison(compared_scene, scene.name, *specs, rounds, reference_seconds, exposure)
         files.check(stem, [".html"], 2**23, [scene])  # 8 MiB is about the size of the page
-        exposure = job.exposure or 0.0
-        compared = comparison.Comparison(compared_scene, scene.name, *specs, rounds, reference_seconds, exposure)
         with Progress("comparing") as bar:
             for phase, progress in compared.run():
                 bar.show(progress, phase)

@@ -24,13 +24,19 @@ class Comparison:
     """Compares the methods ``a`` and ``b`` on a scene called ``name``, in ``rounds`` measured renders of each.
 
     The reference takes at least ``seconds``. All images are multiplied by 2^``exposure``. If one of the methods is
-    ``prosim``, it simulates the light paths of the other; if both are, those that the scene selects.
+    ``prosim``, it simulates the light paths of the other; if both are, those that the scene selects. Raises ValueError
+    for a wrong specification.
     """
 
     def __init__(
         self, scene: ComparedScene, name: str, a: Spec, b: Spec, rounds: int, seconds: float, exposure: float
     ) -> None:
-        self.scene, self.a, self.b, self.seconds = scene, a, b, seconds
+        self.scene, self.b, self.seconds = scene, b, seconds
+        transport = b.transport or a.transport or "scene"
+        self.reference = Reference([reference_estimator(scene, spec, transport) for spec in (a, b)])
+        self.methods = {"a": scene.method(a, transport)}
+        if b.is_adaptive:
+            self.methods["b"] = scene.method(b, transport)
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
         self.facts: dict[str, Any] = {
             "scene": name,
@@ -38,7 +44,7 @@ class Comparison:
             "b": b.text,
             "rounds": rounds,
             "exposure": exposure,
-            "transport": b.transport or a.transport or "scene",
+            "transport": transport,
         }
         self.images: dict[str, np.ndarray] = {}
 
@@ -49,17 +55,13 @@ class Comparison:
         A row of the results has a role: "a", "b", "b at equal samples" or "b at equal time". Its images are those
         names followed by "/image", "/flip" and "/counts".
         """
-        scene, facts, scale = self.scene, self.facts, 2.0 ** self.facts["exposure"]
+        methods, reference, facts, scale = self.methods, self.reference, self.facts, 2.0 ** self.facts["exposure"]
         transport = facts["transport"]
-        reference = Reference([reference_estimator(scene, spec, transport) for spec in (self.a, self.b)])
         for progress in reference.converge(self.seconds):
             yield f"reference of {LIGHT[transport]}", progress
-        methods = {"a": scene.method(self.a, transport)}
-        if self.b.is_adaptive:
-            methods["b"] = scene.method(self.b, transport)
-        else:
+        if "b" not in methods:
             yield "finding equal times", 0.0
-            equal = equal_cost_methods(scene, methods["a"], self.b, transport)
+            equal = equal_cost_methods(self.scene, methods["a"], self.b, transport)
             methods |= zip(("b at equal samples", "b at equal time"), equal)
         true = reference.image * scale
         rows = {role: Runs(method, true, scale) for role, method in methods.items()}

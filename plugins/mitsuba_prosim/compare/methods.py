@@ -13,8 +13,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import PLACE
 from ..scene import rendering, scene_file
 from ..scene.background import with_background_emitter
+from ..scene.session import message
 
 #: The form of a method's specification on the command line.
 FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
@@ -121,18 +123,23 @@ class ComparedScene:
         For ``prosim``, ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or
         "direct". Unless it is "scene", the scene's background is an emitter (:attr:`lit`). The parameters of the
         scene's integrator apply, too, if the specification names it and does not replace them. ``spp`` is the number of
-        samples per pixel; 0 means that of the parameters or of the sampler.
+        samples per pixel; 0 means that of the parameters or of the sampler. Raises ValueError for a wrong
+        specification.
         """
         settings: dict[str, Any] = {"type": spec.integrator}
         if spec.integrator == self.integrator:
             settings |= self.settings
         if transport != "scene":
             settings.pop("hide_emitters", None)  # the other method would not hide them
-        sensor = self.sensor(spec.sampler)
         if spec.is_adaptive:
             # Only "scene" has an ambient term and a background; otherwise the background is an emitter of ``lit``.
             settings |= TRANSPORT.get(transport, self.textures)
-        else:
+        try:
+            sensor, integrator = self.sensor(spec.sampler), mi.load_dict(settings | spec.parameters)
+        except RuntimeError as error:
+            # The message names a line of the scene, but the error is in the specification: removes the line.
+            raise ValueError(f"'{spec.text}': {PLACE.sub('', message(error)).removeprefix(': ')}") from None
+        if not spec.is_adaptive:
             spp = spp or sensor.sampler().sample_count()
         scene = self.scene if transport == "scene" else self.lit
-        return Method(spec.text, scene, sensor, mi.load_dict(settings | spec.parameters), spp)
+        return Method(spec.text, scene, sensor, integrator, spp)

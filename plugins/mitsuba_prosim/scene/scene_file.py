@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import OpenEXR
 import prosim_scene
@@ -200,8 +201,9 @@ class SceneFile:
         if sampler:
             overrides.set_sampler(state, sampler)
         reads_exr = any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._file_parameters(self.state))
+        threads = max(dr.thread_count(), compat.EXR_THREADS) if reads_exr else None
         try:
-            with session.search_path([*self._resolver]), session.enough_threads(reads_exr):
+            with session.search_path([*self._resolver]), session.threads(threads):
                 return instantiate(state)
         except RuntimeError:
             if self.document is not None:

@@ -4,7 +4,7 @@ import difflib
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from .. import registry
 from ..alone import alone
-from ..compat import EXR_THREADS, NO_PARAMETER, SOURCE_LINE, TRACEBACK
+from ..compat import NO_PARAMETER, SOURCE_LINE, TRACEBACK
 from ..registry import register_plugins
 
 #: First part of a variant's name -> (the backend, and what the backend requires).
@@ -113,19 +113,15 @@ def search_path(first: Sequence[str | Path] = (), last: Sequence[str | Path] = (
 
 @contextmanager
 def threads(count: int | None) -> Iterator[None]:
-    """Sets the number of Dr.Jit's threads to ``count`` inside the ``with`` block; None leaves the number unchanged."""
+    """Sets the number of Dr.Jit's threads to ``count`` inside the ``with`` block; None changes nothing, because Dr.Jit
+    1.5 may, very rarely, wait forever when threads end.
+    """
     before = dr.thread_count()
-    dr.set_thread_count(count or before)
+    if count is None:
+        yield
+        return
+    dr.set_thread_count(count)
     try:
         yield
     finally:
         dr.set_thread_count(before)
-
-
-def enough_threads(reads_exr: bool = True) -> AbstractContextManager[None]:
-    """Inside the ``with`` block, Dr.Jit has the :data:`~mitsuba_prosim.compat.EXR_THREADS` threads that Mitsuba needs
-    to read an EXR file.
-
-    Nothing changes if ``reads_exr`` is false, because Dr.Jit 1.5 may, very rarely, wait forever when threads end.
-    """
-    return threads(max(dr.thread_count(), EXR_THREADS)) if reads_exr else nullcontext()

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import EXR_THREADS
 from ..scene import scene_file, session
 
 #: Log levels of Mitsuba and of Dr.Jit; each -v selects the next level.
@@ -48,14 +49,14 @@ def run(plugin: str, words: Sequence[str]) -> None:
     options = parse_arguments(words)
     mi.set_log_level(MITSUBA_LEVELS[min(options.verbose, len(MITSUBA_LEVELS) - 1)])
     dr.set_log_level(DRJIT_LEVELS[min(options.verbose, len(DRJIT_LEVELS) - 1)])
-    if options.threads:
-        dr.set_thread_count(options.threads)
+    # With fewer threads, Mitsuba waits forever when it reads or writes an EXR.
+    dr.set_thread_count(max(options.threads or dr.thread_count(), EXR_THREADS))
     session.set_variant(options.mode)
     parameters = dict(definition.split("=", 1) for definition in options.define)
     started = False
     for path in options.scenes:
         folders = [*filter(None, options.append.split(";")), os.path.dirname(path) or "."]
-        with session.search_path(last=folders), session.enough_threads():
+        with session.search_path(last=folders):
             state = scene_file.parse(path, parameters)
             started = started or plugin in {node.props.plugin_name() for node in state.nodes}
             if started:

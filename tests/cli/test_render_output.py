@@ -367,13 +367,6 @@ def test_link_in_the_place_of_a_translation_is_replaced(palito, outside):
     assert names(outside.parent) == ["rc"]
 
 
-def test_link_to_a_folder_of_meshes_is_refused(palito, tmp_path_factory):
-    elsewhere = tmp_path_factory.mktemp("elsewhere")
-    palito.with_name("listing-meshes").symlink_to(elsewhere)
-    refused("the folder of the meshes would replace this file or link", "translate", palito)
-    assert names(elsewhere) == []
-
-
 def test_folder_of_outputs_may_be_a_link(scene, palito, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (folder := scene.with_name("out")).symlink_to(elsewhere)

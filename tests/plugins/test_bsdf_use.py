@@ -36,12 +36,6 @@ def test_colours_of_indices_may_be_above_1(spectral, material, reflectance):
     assert np.ravel(weight)[[0, -1]] == pytest.approx(reflectance, abs=2e-4)
 
 
-@pytest.mark.parametrize("int_ior", [-1.0, 0.0, {"type": "rgb", "value": [1.5, 0.0, 1.5]}, "wine"])
-def test_composite_refuses_impossible_indices(variant_rgb, int_ior):
-    with pytest.raises(RuntimeError, match=r'parameter "int_ior" is .*; allowed: .*> 0'):
-        mi.load_dict({"type": "prosim_composite", "int_ior": int_ior})
-
-
 @pytest.mark.parametrize(
     "material",
     [

@@ -204,7 +204,7 @@ def samples_of(render):
         return np.concatenate([np.float64(values[0]) for values, _ in Derivatives(render.state).samples()])
 
 
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+@pytest.mark.parametrize("rfilter", ["box", *slow("gaussian")])
 def test_million_equal_samples_have_their_mean(variant_rgb, rfilter):
     """The rounding errors of sums of 32 bits add up to one percent of a mean of 0.1."""
     image = np.array(environment_render(np.full((4, 8, 3), 0.1), 1 << 20, rfilter, size=1).image())

@@ -94,13 +94,12 @@ def test_unattenuated_lamp_refuses_shape_without_area(variant_rgb, tmp_path, nam
         scene.emitters()[0].eval(si)
 
 
-@pytest.mark.parametrize("case", ["tiled", "none"])
-def test_scalar_variant_keeps_the_light_too(variant_scalar, tmp_path, case):
+@pytest.mark.parametrize("case, integrator", [("tiled", DIRECT), ("none", PATHS)])
+def test_scalar_variant_keeps_the_light_too(variant_scalar, tmp_path, case, integrator):
     shape, radiance = textured(case, tmp_path)
     scenes = [lit(shape | {"emitter": {"type": "area", "radiance": value}}) for value in (radiance, 3.0)]
-    for integrator in (DIRECT, PATHS):
-        ours, expected = (mean(scene, integrator, spp=16, count=2)[0] for scene in scenes)
-        assert ours == pytest.approx(expected, rel=0.1)
+    ours, expected = (mean(scene, integrator, spp=16, count=2)[0] for scene in scenes)
+    assert ours == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.parametrize("inner", [None, {"type": "path"}])

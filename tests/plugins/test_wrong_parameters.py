@@ -68,6 +68,7 @@ WRONG = [
     ("prosim_lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
+    *(("prosim_composite", {"int_ior": n}, 'parameter "int_ior" is |; allowed: |> 0') for n in (-1.0, 0.0, "wine")),
     ("prosim_composite", {"specular_reflectance": 0.9}, f"{SUM}|1.4|diffuse_reflectance is 0.5 if not given"),
     ("prosim_phong", {"distribution": "gaussian"}, "distribution|gaussian|phong"),
     ("prosim_fractal", {"octaves": 2.7}, 'parameter "octaves" is 2.7; allowed: a whole number >= 1 and <= 16.'),

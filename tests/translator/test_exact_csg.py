@@ -94,7 +94,7 @@ def test_turned_union_keeps_its_owners(tree):
 
 
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
-@pytest.mark.parametrize("seeds", [range(2), *slow(range(2, 16))], ids=["few", "many"])
+@pytest.mark.parametrize("seeds", [range(1), *slow(range(1, 16))], ids=["few", "many"])
 def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
     """Also if a solid is added that touches nothing."""
     wrong = {}
@@ -107,7 +107,7 @@ def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
 
 
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
-@pytest.mark.parametrize("seeds", [range(2), *slow(range(2, 12))], ids=["few", "many"])
+@pytest.mark.parametrize("seeds", [range(1), *slow(range(1, 12))], ids=["few", "many"])
 def test_render_agrees_with_exact_evaluation_of_the_tree(variant_rgb, tmp_path, kind, seeds):
     wrong = {}
     for seed in seeds:

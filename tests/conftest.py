@@ -7,6 +7,7 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 
 import ctypes
 import os
+import signal
 from pathlib import Path
 
 #: Where Dr.Jit keeps the tests' kernels; see :func:`compile_quickly`.
@@ -105,6 +106,7 @@ def compile_quickly():
 
 
 def pytest_configure():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell would ignore it
     compile_quickly()
     if "VECTOR_WIDTH" in os.environ:
         import vector_width.sitecustomize  # noqa: F401  (sets the width here, and in the processes that tests start)

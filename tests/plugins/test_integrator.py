@@ -410,25 +410,17 @@ def test_film_of_spectral_bands_refuses_aovs_and_layers(variant_spectral, parame
 
 
 def test_progress_and_cancel(variant_rgb):
-    """What is stopped is a whole image, by one sample where there was none. What was finished before stays."""
+    """What is cancelled leaves a whole image, and the next render is not cancelled."""
     scene = mi.load_dict(penumbra(type="prosim", band=64))
-    integrator = scene.integrator()
+    integrator, film = scene.integrator(), scene.sensors()[0].film()
     done = [step.done for step in integrator.progressive(scene)]
-    whole = np.array(scene.sensors()[0].film().develop())
+    whole = np.array(film.develop())
     assert done == sorted(done) and len(done) > 16 and done[-1] == 1
-    first = np.array(mi.render(scene, integrator=mi.load_dict({"type": "prosim", "threshold": 1e9})))
-
-    def stopped(part):
-        render = integrator.progressive(scene)
-        for step in render:
-            if step.done > part:
-                integrator.cancel()
-        assert not render.finished
-        return np.array(scene.sensors()[0].film().develop())
-
-    early, late = stopped(0.1), stopped(0.3)
-    assert np.array_equal(early[:12], first[:12]) and np.all((early[-8:] > 0).any(axis=2))
-    assert ((late == first) | (late == whole)).all() and (late[-8:] > 0).any()
+    render = integrator.progressive(scene)
+    for step in render:
+        if step.done > 0.1:
+            integrator.cancel()
+    assert not render.finished and np.all((np.array(film.develop())[-8:] > 0).any(axis=2))
     assert np.array_equal(np.array(mi.render(scene)), whole)
 
 

@@ -215,8 +215,8 @@ MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", (CYLINDER, "Disk", RECTANGLE, SPHER
 #: Class name of the emitter that may sample only its bright parts (``mis_compensation``).
 ENVMAP = "EnvironmentMapEmitter"
 
-#: Class name of the integrator that computes further channels.
-AOV = "AOVIntegrator"
+#: Class names of the integrator that computes further channels, and of the path tracer.
+AOV, PATH = "AOVIntegrator", "PathIntegrator"
 
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")

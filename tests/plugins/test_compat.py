@@ -134,6 +134,7 @@ def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
         compat.EVALUATED_TOGETHER[1]: {"type": "principledthin"},
         compat.DIFFUSE[0]: bsdf,
         compat.AOV: {"type": "aov", "aovs": "d:depth"},
+        compat.PATH: {"type": "path"},
     }
     assert {name: mi.load_dict(plugin).class_name() for name, plugin in classes.items()} == {n: n for n in classes}
     ball = mi.load_dict({"type": "sphere", "emitter": {"type": "directionalarea"}})  # keeps its emitter's shape alive

@@ -100,6 +100,11 @@ class ProsimAdaptive(ProgressiveIntegrator):
         # The film has R, G, B and A of each integrator in ``aov``. The first one's are also the colours of the film.
         ranges = [(base + 4 * k, 2 * base + 4 * k) for k in range(1, inner)] + [(base + 4 * inner, image.shape[2])]
         ranges = [(0, base), *ranges] if inner else ranges
+        if not dr.is_jit_v(mi.Float):  # there Dr.Jit cannot concatenate
+            import numpy as np  # slow to import
+
+            pixels = np.array(image)
+            return mi.TensorXf(np.concatenate([pixels[..., begin:end] for begin, end in ranges], axis=2))
         return dr.concat([image[:, :, begin:end] for begin, end in ranges], axis=2)
 
     def sample(

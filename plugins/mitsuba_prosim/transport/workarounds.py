@@ -28,10 +28,10 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, emitter_samples, is_mirrored_cylinder
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples, is_mirrored_cylinder
 from ..light.emitter_methods import name_of, point_sampler
 from ..masks import but_not, idle
-from ..optics.nested import all_bsdfs, all_within, leaves
+from ..optics.nested import all_bsdfs, all_within, leaves, parts
 from . import lobes
 from .lobes import LobePoint
 
@@ -40,7 +40,10 @@ EDGE = 1e-3
 
 
 def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:
-    """Warns of emitters and ``blendbsdf`` whose light Mitsuba's ``integrator`` may lose or increase."""
+    """Warns of emitters, ``blendbsdf`` and ``mask`` whose light Mitsuba's ``integrator``, or an integrator nested in it
+    (in ``aov`` or ``moment``), may lose or increase.
+    """
+    integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
     varies = mi.EmitterFlags.SpatiallyVarying
     lost = [
         name_of(e)
@@ -57,7 +60,7 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
             f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
             "loses points of the texture. Use prosim_area in its place.",
         )
-    times, kinds = emitter_samples(integrator), mi.EmitterFlags.Delta
+    times, kinds = max(map(emitter_samples, integrators)), mi.EmitterFlags.Delta
     if times > 1 and (points := [name_of(e) for e in scene.emitters() if mi.has_flag(e.flags(), kinds)]):
         mi.Log(
             mi.LogLevel.Warn,
@@ -71,6 +74,19 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
             f"prosim: {', '.join(map(repr, blends))} may reflect too little or too much light: Mitsuba's blendbsdf "
             'adds the density of smooth lobes to that of mirrors, clear glass and holes. Render with "prosim".',
         )
+    # ``path`` returns black if the ray has met nothing but holes; it counts a sky as something, unless it hides it.
+    blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
+    holed = [bsdf.id() for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)]
+    if blind and holed:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: {', '.join(map(repr, holed))} may reflect too little light: Mitsuba's path forgets the light of "
+            'the surface around a hole that shows nothing behind it. Render with "prosim" or "prb".',
+        )
+
+
+def _is_smooth(bsdf: mi.BSDF) -> bool:
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
 
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:

@@ -42,14 +42,14 @@ def kept(folder):
 
 
 def test_each_frame_is_the_image_of_the_scene_alone(film):
-    assert rendered(film, "--frames", "0:6:2", "--seed", 5, "--fps", 12) == (3, 0)
+    assert rendered(film, "--frames", "0:6:2", "--seed", 5) == (3, 0)
     assert names(film.parent) == [
         *(f"film.{n}.{kind}" for n in ("0000", "0002", "0004") for kind in ("exr", "png")),
         "film.scn",
     ]
     alone = film.with_name("alone")
-    run("render", film, "-D", "frame=4", "-D", f"time={4 / 12}", "--seed", 9, "-o", alone)
-    assert rendered(film, "--frames", 4, "--seed", 5, "--fps", 12, "-o", film.with_name("one")) == (1, 0)
+    run("render", film, "-D", "frame=4", "--seed", 9, "-o", alone)
+    assert rendered(film, "--frames", 4, "--seed", 5, "-o", film.with_name("one")) == (1, 0)
     for name in "alone.png", "one.0004.png":
         assert film.with_name(name).read_bytes() == film.with_name("film.0004.png").read_bytes()
         exr = film.with_name(name).with_suffix(".exr")
@@ -79,7 +79,6 @@ def test_a_frame_is_rendered_again_where_an_option_has_changed(film):
     for other in ["-D", "kd=0.3"], ["--seed", 1], ["--exposure", 1], ["--denoise"], ["--noise", 0.05]:
         assert rendered(film, *options, *other) == (2, 0), other
     assert rendered(film, *options, *other) == (0, 2)
-    assert rendered(film, *options, *other, "--fps", 30) == (1, 1)  # the first is at the time 0
 
 
 def test_frames_share_kernels(film):
@@ -119,13 +118,13 @@ def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, target, name, k
 
 
 def test_scenes_in_xml_have_frames_too(scene):
-    scene.write_text(XML.replace("$radiance", "$time").replace('name="radiance" value="0.5"', 'name="time" value="9"'))
-    assert rendered(scene, "--frames", "12:14", "--fps", 48) == (2, 0)
-    assert pixels(scene.with_name("scene.0012.exr"))[0, 0, 0] == pytest.approx(0.25)
-    assert rendered(scene, "--frames", "12:15", "--fps", 48) == (1, 2)
+    scene.write_text(
+        XML.replace("$radiance", "0.$frame").replace('name="radiance" value="0.5"', 'name="frame" value="9"')
+    )
+    assert rendered(scene, "--frames", "25:27") == (2, 0)
+    assert pixels(scene.with_name("scene.0025.exr"))[0, 0, 0] == pytest.approx(0.25)
+    assert rendered(scene, "--frames", "25:28") == (1, 2)
     scene.write_text(XML.replace("<film", '<float name="fov" value="4$frame"/><film'))
-    ignored = prosim("render", scene, "--frames", "0:3", "--fps", 48)
-    assert ignored.exit_code == 2 and f"--fps sets only $time, which {scene} does not use" in ignored.stderr
     done = prosim("render", scene, "--frames", "0:3", "-D", "radiance=0", "-o", scene.with_name("dark"))
     assert done.exit_code == 0 and "3 of 3 frames rendered, 3 of them black" in done.stdout
     assert done.stderr.count("frame 0: the picture is black: ") == done.stderr.count("black") == 1

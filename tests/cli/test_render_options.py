@@ -58,7 +58,6 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
         ("--workers 2 --part 1/2", "leave out --part with a cluster"),
         ("--workers 2", "needs prosim or prosim_adaptive"),
         ("--cluster localhost", "'localhost' is not of the form ADDRESS, such as tcp://machine:8786"),
-        ("--fps 3", "--fps is for films"),
         ("--frames 3:3", "B must be greater than A"),
         *[(f"--frames={frames}", "not of the form A:B[:STEP]") for frames in ("-1:3", "9:0:-1", "a:b", "0:3:1:1")],
         ("--frames 0:3 -D frame=3", "-D frame=... and --frames both define $frame"),

@@ -1,4 +1,4 @@
-"""``prosim render --frames``: renders an animation, in which $frame and $time change from frame to frame."""
+"""``prosim render --frames``: renders an animation, in which $frame changes from frame to frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import OpenEXR
 import prosim_scene
-from prosim_scene import FPS, FRAME, TIME
+from prosim_scene import FRAME, TIME
 
 from ..engine import environment
 from ..scene import images, scene_file
@@ -32,24 +32,22 @@ class Animation:
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
-        """Raises UsageError if the option -D defines $frame or $time, and InputError if all frames would be equal."""
-        if conflict := {FRAME, TIME} & set(job.definitions):
-            raise click.UsageError(f"-D {min(conflict)}=... and --frames both define ${min(conflict)}; give one.")
+        """Raises UsageError if the option -D defines $frame, and InputError if all frames would be equal."""
+        if FRAME in job.definitions:
+            raise click.UsageError(f"-D {FRAME}=... and --frames both define ${FRAME}; give one.")
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
         with input_errors():
             if not Path(job.scene).is_file():
                 raise ValueError(f"{job.scene} is a pipe, and each of the --frames reads the scene; save it in a file")
-            #: Those of the names $frame and $time that the scene uses.
-            self.names = scene_file.used_names(job.scene, {**job.definitions, **self.definitions(0)}, (FRAME, TIME))
-            if not self.names and len(self.frames) > 1:
+            #: Whether the scene uses $frame, or $time, which the thesis's language derives from it.
+            self.moves = bool(scene_file.used_names(job.scene, {**job.definitions, FRAME: "0"}, (FRAME, TIME)))
+            if not self.moves and len(self.frames) > 1:
                 raise ValueError(
                     f"{job.scene} uses neither ${FRAME} nor ${TIME}, so all frames would be alike; use one where the "
                     f"scene moves, in the thesis's language such as {{360 * ${FRAME} / {len(self.frames)}}}"
                 )
-            if job.fps and TIME not in self.names:
-                raise ValueError(f"--fps sets only ${TIME}, which {job.scene} does not use; leave out --fps")
 
     def render(self) -> None:
         """Renders the missing frames, and prints a report. If the animation is interrupted, the process exits with code
@@ -75,11 +73,11 @@ class Animation:
     def render_frame(self, number: int, bar: Progress, resources: Resources) -> None:
         """Renders the frame ``number``, if it is missing, from its checkpoint, if there is one.
 
-        The values of $frame and $time, and the seed, depend on the ``number``. The first black frame causes a warning.
+        The value of $frame and the seed depend on the ``number``. The first black frame causes a warning.
         Raises ClickException if the frame cannot be rendered.
         """
         bar.begin(number, self.rendered, len(self.frames) - self.skipped)
-        values = {name: value for name, value in self.definitions(number).items() if name in self.names}
+        values = {FRAME: str(number)} if self.moves else {}
         job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)
         with input_errors():
             file = job.read_scene(resources.folder, cache=self.cache)
@@ -99,10 +97,6 @@ class Animation:
             warnings.warn(f"frame {number}: {outcome.why_black}", stacklevel=2)
         self.black += bool(outcome.why_black)
         bar.write(outcome.report, file=sys.stderr)
-
-    def definitions(self, number: int) -> dict[str, str]:
-        """Returns the values of $frame and $time in the frame ``number``."""
-        return {FRAME: str(number), TIME: repr(number / (self.job.fps or FPS))}
 
     def path(self, number: int) -> Path:
         """Returns the path of the image of the frame ``number`` without suffix, such as ``name.0007``."""

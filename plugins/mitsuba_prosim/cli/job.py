@@ -25,10 +25,8 @@ from .option_types import InputError, Integer, Number
 #: Fields of a Job that become parameters of the integrator.
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "max_samples", "adaptive", *TARGETS)
 
-#: Fields of a Job for animations.
-ANIMATION = ("frames", "fps")
 #: Fields of a Job that do not change the image.
-RUNNING = ("output", "checkpoint", "snapshots", "verbose", *ANIMATION, "threads", "workers", "cluster", "part")
+RUNNING = ("output", "checkpoint", "snapshots", "verbose", "frames", "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -94,7 +92,6 @@ class Job:
     allow_outside: bool = _scene(None, "Let the scene use files from outside its folder.")
 
     frames: range | None = _film(types.FRAMES, "Render an animation: frames A, A+STEP, ... below B, or only A.")
-    fps: float | None = _film(POSITIVE, "Frames per second; $time is $frame divided by this.", show_default="24")
 
     threads: int | None = _distribution(Integer(1, 1024), "Number of threads.", "-t", show_default="all")
     workers: int | None = _distribution(Integer(1, 256), "Use this many local processes.")
@@ -280,8 +277,6 @@ def make_job(options: dict[str, Any]) -> Job:
     for option, others, message in CONFLICTS:
         if option in given and (given - uniform) & set(others.split()):
             raise click.UsageError(message)
-    if "fps" in given and "frames" not in given:
-        raise click.UsageError("--fps is for films; add --frames.")
     if given & {*TARGETS, "snapshots"} and not POLICIES[options.get("adaptive") or "graded"].unbounded:
         raise click.UsageError(
             f"--adaptive {options['adaptive']} does not measure the noise; leave it out with --noise, --time and "

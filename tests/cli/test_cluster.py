@@ -186,7 +186,7 @@ def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator
 def test_by_threads_of_this_process(lamp, monkeypatch):
     """A work item that fails three times ends the render with its error."""
     with distributed.Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:
-        changes = {"integrator": NOISE, "crop": (9, 5, 32, 24)}
+        changes = {"integrator": NOISE, "crop": (9, 5, 16, 12)}
         assert np.array_equal(there(client, lamp, **changes), here(lamp, **changes))
         monkeypatch.setattr(worker, "timed_sums", lambda *_: 1 / 0)
         with pytest.raises(ClusterError, match="3 attempts failed, the last one with: division by zero"):

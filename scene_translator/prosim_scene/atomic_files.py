@@ -40,6 +40,23 @@ def replace(path: Path, content: bytes | memoryview | Callable[[Path], None], fo
         replace(path, content)
 
 
+@contextmanager
+def create_folder(folder: Path) -> Iterator[None]:
+    """Creates ``folder`` and its parents. If the ``with`` block raises an error, removes those of them that are new and
+    empty. Raises OSError.
+    """
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        with suppress(OSError):  # one is not empty, or was not created
+            for one in new:
+                if one.exists():
+                    one.rmdir()
+        raise
+
+
 def refuse_special(path: Path) -> None:
     """Raises OSError if ``path`` is a device or a pipe, because a replacement by a file would remove it."""
     if path.exists() and not (path.is_file() or path.is_dir()):

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .atomic_files import PART, refuse_special, replace
+from .atomic_files import PART, create_folder, refuse_special, replace
 from .geometry import Triangles
 from .nodes import is_valid_in_xml
 
@@ -97,9 +97,7 @@ class TranslationFiles:
         result; existing files are then unchanged.
         """
         _check_replaceable(self.xml, self.mesh_folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        with _locked(self.folder) as locked:
-            self.mesh_folder.mkdir(exist_ok=True)
+        with create_folder(self.folder), _locked(self.folder) as locked, create_folder(self.mesh_folder):
             written: list[Path] = []
             try:
                 for name, content in self.meshes.items():
@@ -111,8 +109,6 @@ class TranslationFiles:
             except BaseException:
                 for path in written:
                     path.unlink(missing_ok=True)
-                with suppress(OSError):  # the folder is not empty
-                    self.mesh_folder.rmdir()
                 raise
             if locked:
                 _remove_old_meshes(self.mesh_folder, self.meshes)

@@ -31,6 +31,8 @@ def test_a_file_is_complete_or_as_before(tmp_path):
     a.write_bytes(b"old")
     with little_room(5), pytest.raises(OSError, match="File too large"):
         atomic.write({b: b"new", a: b"longer"})
+    with little_room(5), pytest.raises(OSError, match="File too large"):
+        atomic.write({c.parent / "new" / "deep": b"longer"})
     assert sorted(os.listdir(tmp_path)) == ["a", "b"] and a.read_bytes() == b"old"
     assert atomic.write({a: b"new", c: lambda path: path.write_bytes(b"longer")}) == [a, c]
     assert sorted(os.listdir(tmp_path)) == ["a", "b", "c"] and c.read_bytes() == b"longer"

@@ -146,7 +146,9 @@ def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, failing):
     failing("replace", errno.ENOSPC, lambda _, target: str(target).endswith(".xml"))
     with pytest.raises(SceneError, match="No space left on device"):
         prosim_scene.translate(scene, tolerance=1)
-    assert everything(scene.parent) == before and not (scene.parent / "s-meshes").exists()
+    with pytest.raises(SceneError, match="No space left on device"):
+        prosim_scene.translate(scene, scene.parent / "new" / "deep", tolerance=1)
+    assert everything(scene.parent) == before and os.listdir(scene.parent) == ["s.scn"]
 
 
 def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):

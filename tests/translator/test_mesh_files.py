@@ -332,6 +332,15 @@ def test_a_mesh_that_crosses_itself_is_named():
     assert re.search("overlaps itself in the part from .* near .*unite them in the program", file.warning)
 
 
+@pytest.mark.parametrize("x, warned", [(-0.9, False), (-1.2, True)])
+def test_a_vertex_that_leaves_the_other_side_is_named(x, warned):
+    """A ball has a dent that is deeper than the ball; few of its faces are in a wrong place, and only by their ends."""
+    mesh = Manifold.sphere(1, 64).to_mesh64()
+    vertices = np.array(mesh.vert_properties)
+    vertices[vertices[:, 0].argmax()] = [x, 0, 0]
+    assert ("overlaps itself" in MeshFile(obj(mesh.tri_verts.tolist(), vertices)).warning) == warned
+
+
 def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
     (tmp_path / "m.obj").write_bytes(parts(((0, 0, 0), 2, False), ((1, 1, 1), 2, False)))
     (tmp_path / "s.scn").write_text(scene("MESH 0 m.obj", [""]))

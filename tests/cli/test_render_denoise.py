@@ -117,7 +117,7 @@ def test_lamps_are_dimmed_and_coloured(image, tmp_path):
 
 
 def test_wrong_factors_and_images(image, tmp_path):
-    refused("has no layer 'lamp 7.1'; it has key, lamp2", "mix", image, "lamp 7.1=1")
+    refused("there is no layer 'lamp 7.1'; there are key, lamp2", "mix", image, "lamp 7.1=1")
     for factor in ("key", *(f"key={value}" for value in ("bright", "nan", "inf", "-1", "1e99", "50%"))):
         refused("LAYER=FACTOR", "mix", image, factor)
     refused("several factors", "mix", image, "key=1", "key=2")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -11,26 +11,23 @@ import numpy as np
 import OpenEXR
 
 from ..scene import images
-from ..scene.channels import mixed, of_channels, parse_factor
+from ..scene.channels import mixed, of_channels, parse_factors
 from . import files
 from .files import IMAGE_FILE
 from .job import Command, Job, job_options
-from .option_types import InputError, PatternType
+from .option_types import InputError, input_errors
 from .render_task import SUFFIXES
 
 #: Largest allowed difference between an image and the sum of its layers, relative to the brightest value. Rounding to
 #: half precision causes such differences.
 ROUNDING = 0.01
 
-EXAMPLES = "light_0=0.5, or light_0=1,0.8,0.6 for red, green and blue; factors are 0 or more"
-FACTOR = PatternType("LAYER=FACTOR", EXAMPLES, r"(.+=[\d.,]*\d[\d.,]*)", parse_factor)
-
 
 @click.command(cls=Command)
 @click.argument("image", type=IMAGE_FILE)
-@click.argument("factors", nargs=-1, required=True, type=FACTOR, metavar="LAYER=FACTOR...")
+@click.argument("factors", nargs=-1, required=True, metavar="LAYER=FACTOR...")
 @job_options("output", "exposure", "variant")
-def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> None:
+def mix(job: Job, image: Path, factors: tuple[str, ...]) -> None:
     """Recombine the layers of IMAGE, an EXR file that prosim render --layers has written.
 
     Each LAYER is multiplied by its FACTOR, which is one number or three numbers (red, green, blue). Layers without a
@@ -51,17 +48,14 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
             f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights, "
             "on a film of RGB."
         )
-    for name, _ in factors:
-        if name not in layers:
-            raise InputError(f"{image} has no layer '{name}'; it has {', '.join(layers)}.")
-        if [other for other, _ in factors].count(name) > 1:
-            raise InputError(f"{name} has several factors; give one.")
+    with input_errors():
+        wanted = parse_factors(factors, layers)
     colours = {name: np.stack([planes[f"{name}.{letter}"] for letter in "RGB"], axis=2) for name in layers}
-    whole, colours = mixed(colours, factors)
+    whole, colours = mixed(colours, wanted)
     for k, letter in enumerate("RGB"):
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
-    header["prosim.mix"] = factors_in_words(factors)
+    header["prosim.mix"] = factors_in_words(wanted)
     stem = files.output_stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     # The image's own channels are first, in the order R, G, B, A; the channels of the layers follow.
@@ -70,9 +64,9 @@ def mix(job: Job, image: Path, factors: tuple[tuple[str, np.ndarray], ...]) -> N
     click.echo(" and ".join(map(str, files.save(stem, contents))))
 
 
-def factors_in_words(factors: Iterable[tuple[str, np.ndarray]]) -> str:
+def factors_in_words(factors: Mapping[str, np.ndarray]) -> str:
     """Returns the factors of the layers as text, for the metadata of the mixed image."""
-    return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors)
+    return ", ".join(f"{name} x {' '.join(map(str, factor))}" for name, factor in factors.items())
 
 
 def is_sum(planes: dict[str, np.ndarray], layers: list[str], letter: str) -> bool:

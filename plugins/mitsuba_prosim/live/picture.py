@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -15,7 +15,7 @@ from ..scene.channels import mixed
 from ..scene.images import compress, luminance, png
 
 #: Names of layers, and the factors by which :meth:`.Picture.mixed` multiplies them.
-Factors: TypeAlias = Sequence[tuple[str, np.ndarray]]
+Factors: TypeAlias = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Picture:
 
     def mixed(self, factors: Factors) -> Picture:
         """Returns the picture with some layers of the integrator multiplied by ``factors``; ``final`` is then the sum
-        of these layers. Without factors, nothing changes. Raises KeyError for a name that no layer has.
+        of these layers. Without factors, nothing changes.
         """
         if not factors:
             return self

@@ -27,7 +27,7 @@ from starlette.staticfiles import StaticFiles
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..explaining import explanation_page
-from ..scene.channels import parse_factor
+from ..scene.channels import parse_factors
 from .picture import Factors, Picture
 from .viewer import Viewer
 
@@ -259,20 +259,14 @@ class Pages:
 
 
 def factors(request: Request, picture: Picture) -> Factors:
-    """Returns the factors by which a request multiplies layers of ``picture``: pairs of a layer's name and a factor,
-    from the query parameters ``mix``, such as ``lights.lamp1=0.5``.
-
-    Raises HTTPException for a wrong factor, for two factors of a layer, and for a layer that the integrator's parameter
-    ``layers`` does not request.
+    """Returns the factors by which a request multiplies layers of ``picture`` that the integrator's parameter
+    ``layers`` requests, from the query parameters ``mix``, such as ``lights.lamp1=0.5``; raises HTTPException for wrong
+    ones.
     """
-    texts = request.query_params.getlist("mix")
     try:
-        result = dict(map(parse_factor, texts))
+        return parse_factors(request.query_params.getlist("mix"), [name for name in picture.layers if "." in name])
     except ValueError:
         raise HTTPException(400) from None
-    if len(result) < len(texts) or not all("." in name and name in picture.layers for name in result):
-        raise HTTPException(400)
-    return list(result.items())
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from math import isnan
 from pathlib import Path
 from queue import Empty, Queue
+from types import MappingProxyType
 from typing import Any, cast
 
 import mitsuba as mi
@@ -88,7 +89,7 @@ class Viewer:
         if self._home is not None:
             self.camera = motion(self.camera or self._home)
 
-    def result(self, factors: Factors = ()) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
+    def result(self, factors: Factors = MappingProxyType({})) -> tuple[State, mi.Bitmap, ProgressiveImage, Any]:
         """Returns ``(state, bitmap, image, reached)`` of the latest published picture.
 
         ``bitmap`` has all layers of the picture, multiplied by ``factors``. ``reached`` is a :class:`.Reached`; None

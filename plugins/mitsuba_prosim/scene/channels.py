@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 
 import mitsuba as mi
 import numpy as np
@@ -10,30 +11,38 @@ import numpy as np
 from ..engine.accumulators import BRIGHTEST
 
 
-def parse_factor(text: str) -> tuple[str, np.ndarray]:
-    """Returns the name of a layer and its factor, for :func:`mixed`, from a text such as ``lamp1=0.5`` or
-    ``lamp1=1,0.8,0.6`` (red, green, blue).
+def parse_factors(texts: Iterable[str], names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Returns layer -> factor, for :func:`mixed`, from texts such as ``lamp1=0.5`` or ``lamp1=1,0.8,0.6`` (red, green,
+    blue).
 
-    Raises ValueError for another form, and for a number that is negative or above :data:`.BRIGHTEST`.
+    Raises ValueError for another form, a number that is negative or above :data:`.BRIGHTEST`, a name that is not among
+    ``names``, and a second factor of a layer.
     """
-    name, _, values = text.partition("=")
-    factor = np.array(values.split(","), dtype=np.float64)
-    if len(factor) not in (1, 3) or not ((factor >= 0) & (factor <= BRIGHTEST)).all():
-        raise ValueError(f"give one number or three numbers, from 0 to {BRIGHTEST:g}")
-    return name, factor.astype(np.float32)
+    factors = dict[str, np.ndarray]()
+    for text in texts:
+        name, _, values = text.partition("=")
+        factor = np.zeros(0, np.float32)
+        with suppress(ValueError):
+            factor = np.array(values.split(","), dtype=np.float32)
+        if len(factor) not in (1, 3) or not ((factor >= 0) & (factor <= BRIGHTEST)).all():
+            form = f"LAYER=FACTOR, such as light_0=0.5 or light_0=1,0.8,0.6; factors are from 0 to {BRIGHTEST:g}"
+            raise ValueError(f"'{text}' is not of the form {form}")
+        if name not in names:
+            raise ValueError(f"there is no layer '{name}'; there are {', '.join(names)}")
+        if name in factors:
+            raise ValueError(f"{name} has several factors; give one")
+        factors[name] = factor
+    return factors
 
 
 def mixed(
-    layers: Mapping[str, np.ndarray], factors: Iterable[tuple[str, np.ndarray]]
+    layers: Mapping[str, np.ndarray], factors: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Multiplies ``layers``, each of shape (height, width, 3), by ``factors``; returns their sum, and the layers.
 
-    ``factors`` are pairs of a layer's name and one number, or three for red, green and blue. Raises KeyError for a name
-    that no layer has.
+    ``factors`` maps names of layers to one number, or three for red, green and blue.
     """
-    result = dict(layers)
-    for name, factor in factors:
-        result[name] = result[name] * factor
+    result = {name: values * factors.get(name, np.float32(1)) for name, values in layers.items()}
     return np.sum(list(result.values()), axis=0), result
 
 

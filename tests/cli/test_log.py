@@ -10,7 +10,7 @@ import mitsuba as mi
 import pytest
 from mitsuba_prosim.cli.log import log
 from mitsuba_prosim.cli.progress import Progress
-from running import PIPES, names, scene_text
+from running import PIPES
 from waiting import PATIENCE, started
 
 
@@ -123,51 +123,3 @@ def test_closed_standard_output_is_one_message():
         print("nowhere", flush=True)
         sys.exit(os.open(os.devnull, os.O_RDONLY))"""
     assert subprocess.run([sys.executable, "-c", code], check=False, stdout=subprocess.PIPE).returncode > 2
-
-
-# ---- On Windows
-
-
-MODULES = "fcntl grp posix pty pwd resource syslog termios tty"
-OS = "O_NOFOLLOW WNOHANG chown fork getpgid getuid killpg mkfifo posix_fallocate pread sched_getaffinity uname"
-SIGNALS = "SIGALRM SIGCHLD SIGCONT SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR1 SIGWINCH pthread_sigmask setitimer"
-
-WINDOWS = f"""if True:
-    import builtins, contextlib, importlib, os, pkgutil, signal, sys
-    import click, drjit, manifold3d, mitsuba, numpy, OpenEXR, tqdm
-    others = "ctypes.util distributed flip_evaluator jinja2 matplotlib mitsuba_oidn pygls.lsp.server"
-    for name in [*others.split(), "starlette.applications", "uvicorn.main"]:
-        with contextlib.suppress(ImportError):
-            importlib.import_module(name)
-    for module, lacks in ((os, "{OS}"), (signal, "{SIGNALS}")):
-        for name in lacks.split():
-            delattr(module, name) if hasattr(module, name) else None
-    sys.platform, original = "win32", builtins.__import__
-    ours = ("mitsuba_prosim", "prosim_scene", "prosim_start")
-
-    def importing(name, globals=None, *rest):
-        if name.partition(".")[0] in {MODULES.split()} and (globals or {{}}).get("__name__", "").startswith(ours):
-            raise ModuleNotFoundError(f"Windows has no {{name}}", name=name)
-        return original(name, globals, *rest)
-
-    builtins.__import__ = importing
-    mitsuba.set_variant("scalar_rgb")
-    for package in map(importlib.import_module, ours):
-        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-            if not module.name.endswith("__main__"):
-                importlib.import_module(module.name)
-    from prosim_start import main
-    from prosim_start.group import prosim
-    prosim([*sys.argv[1:], "-m", "scalar_rgb"], standalone_mode=False)
-    main()
-    """
-
-
-@pytest.mark.slow
-def test_every_module_is_imported_and_a_scene_is_rendered(tmp_path):
-    """With a log, in a scalar variant and in the usual one."""
-    (tmp_path / "scene.xml").write_text(scene_text('<integrator type="prosim"/>'))
-    command = [sys.executable, "-c", WINDOWS, "render", tmp_path / "scene.xml", "-v"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert names(tmp_path) == ["scene.exr", "scene.png", "scene.xml"] and "INFO" in done.stderr

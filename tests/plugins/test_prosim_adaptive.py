@@ -18,38 +18,26 @@ def adaptive(nested, **settings):
     }
 
 
-def compare(scene, nested, spp=64, count=16, **settings):
+def compare(scene, nested, spp=64):
     """Whether ``nested`` by itself and within ours may have the same expectation in ``scene``."""
     nested = {"type": nested} if isinstance(nested, str) else nested
-    alone = renderings({**scene, "integrator": nested}, count, spp=spp)
-    ours = renderings({**scene, "integrator": adaptive(nested, **settings)}, count, first_seed=1000)
+    alone = renderings({**scene, "integrator": nested}, 8, spp=spp)
+    ours = renderings({**scene, "integrator": adaptive(nested)}, 8, first_seed=1000)
     return same_expectation(alone, ours[..., : alone.shape[3]])
 
 
 # ------------------------------------------------------------------ the nested integrator's image
 
 
-@pytest.mark.parametrize("rfilter", ["box", pytest.param("gaussian", marks=pytest.mark.slow)])
-def test_the_expectation_is_that_of_path(variant_rgb, rfilter):
-    assert compare(penumbra(COPPER, rfilter=rfilter), "path", count=8 if rfilter == "box" else 16)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("nested", ["prb", {"type": "prosim", "max_level": 2}])
-def test_the_expectation_is_that_of_any_integrator(variant_rgb, nested):
-    assert compare(penumbra(COPPER), nested)
+def test_the_expectation_is_that_of_path(variant_rgb):
+    assert compare(penumbra(COPPER), "path")
 
 
 @pytest.mark.slow
 def test_the_expectation_is_that_of_volpath_with_the_camera_in_a_medium(variant_rgb):
     scene, fog = penumbra(COPPER), {"type": "homogeneous", "albedo": 0.7, "sigma_t": 0.25}
     scene["sensor"]["medium"] = scene["floor"]["exterior"] = scene["wall"]["exterior"] = fog
-    assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=25, count=8)
-
-
-@pytest.mark.slow
-def test_the_expectation_is_that_of_path_in_spectral_variants(variant_spectral):
-    assert compare(penumbra(COPPER), "path")
+    assert compare(scene, {"type": "volpath", "max_depth": 6}, spp=25)
 
 
 def test_scalar_variants_render_as_the_nested_integrator_does(variant_scalar):

@@ -14,7 +14,6 @@ other.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from manifold3d import Error, Manifold, OpType
 
 from ..model import Leaf, Operator
 from .coincidence import Planes
-from .grouping import sweep, touching
+from .grouping import touching
 from .solids import Solid
 
 T = TypeVar("T")
@@ -255,30 +254,3 @@ def _combined(bodies: Sequence[Body], operation: OpType | None, boxed: Sequence[
 
 def _share_surfaces(bodies: Sequence[Body]) -> bool:
     return sum(len(body.surfaces) for body in bodies) > len(frozenset().union(*(body.surfaces for body in bodies)))
-
-
-MAX_NEIGHBOURS = 64  # a leaf's mesh is refined if more small solids than this touch it, per triangle
-REFINED_NEIGHBOURS = 32  # the approximate number of small solids per triangle of a refined mesh
-SMALL = 8  # a solid is small if its box has less than 1/8 of the volume of the other box
-
-
-def count_small_neighbours(boxes: np.ndarray) -> np.ndarray:
-    """Returns how many boxes with less than 1/8 of its volume (SMALL) touch each of n boxes (n, 2, 3)."""
-    result = np.zeros(len(boxes), int)
-    size = (boxes[:, 1] - boxes[:, 0]).prod(axis=1)
-    for pair in sweep(boxes[:, 0], boxes[:, 1]):
-        for large, small in (pair, pair[::-1]):
-            np.add.at(result, large[size[small] < size[large] / SMALL], 1)
-    return result
-
-
-def refined(manifold: Manifold, small_neighbours: int) -> Manifold:
-    """Returns the mesh of a leaf, with shorter edges if many small solids touch it, such as holes in a plate: n cuts of
-    one triangle cost manifold3d a time proportional to n².
-    """
-    if small_neighbours <= MAX_NEIGHBOURS * manifold.num_tri():
-        return manifold
-    box = manifold.bounding_box()
-    _, middle, longest = sorted(high - low for low, high in zip(box[:3], box[3:]))
-    by_area = math.sqrt(middle * longest * REFINED_NEIGHBOURS / small_neighbours)
-    return manifold.refine_to_length(max(by_area, longest * REFINED_NEIGHBOURS / small_neighbours))

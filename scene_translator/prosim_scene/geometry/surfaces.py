@@ -195,7 +195,6 @@ def _boundary(
 
     ids = OriginalIds(Manifold.reserve_ids(len(media_of) * (max(media_of) + 1)), len(media_of))
     boxes = meshes.boxes + table.thickness * np.array([[-1.0], [1.0]])
-    small_neighbours = csg.count_small_neighbours(boxes)
     # The number of a group is that of its first leaf.
     labels = components(boxes[:, 0], boxes[:, 1])[table.of_leaf]
     _, first, number_of_group = np.unique(labels, return_index=True, return_inverse=True)
@@ -212,8 +211,7 @@ def _boundary(
         def mesh() -> Manifold:
             if time.process_time() > end:
                 warn_of_time()
-            own = manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium))
-            return csg.refined(csg.checked(own, number), small_neighbours[i])
+            return csg.checked(manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium)), number)
 
         return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, number, table.solids[i])
 

@@ -3,6 +3,8 @@
 import mitsuba as mi
 import mitsuba_prosim
 import pytest
+from mitsuba_prosim.explaining.explanation import Samples
+from mitsuba_prosim.explaining.noise import rarely_met
 from scenes import T, area, camera, diffuse, film, rgb
 
 PATH = {"type": "path", "max_depth": 6}
@@ -85,6 +87,14 @@ def test_verdict_names_the_cause_of_a_planted_fault():
     assert not [verdict for says, verdict in verdicts if "way of floor" in verdict]
     missed = [(says, verdict) for says, verdict in verdicts if says not in verdict]
     assert len(missed) <= 2, missed
+
+
+@pytest.mark.parametrize("weak, named", [({}, "bulb"), (bulb((-1, 5, 0), 0.3, 2.0), "lamps")])
+def test_rarely_met_light_names_a_lamp_only_if_there_is_one(variant_rgb, weak, named):
+    """Glass hides the weak lamp more often than the bright one, whose light it bends to the pixel."""
+    made = mi.load_dict(scene(window=pane(GLASS, 1), **{f"weak {name}": lamp for name, lamp in weak.items()}, **bulb()))
+    told = rarely_met(Samples(made, (16, 16), 64).recorder)
+    assert told.startswith(f"the light of {named} through window, which only rays find")
 
 
 @pytest.mark.parametrize("pixel_format", ["rgba", "luminance"])

@@ -316,6 +316,25 @@ def test_the_second_image_shows_where_samples_are_needed(variant_rgb):
     assert np.sum(render.state.request().reshape(64, 64)[center] > 100 * before[center]) == 24  # all pixels around
 
 
+@pytest.mark.parametrize(
+    "glass, lamp, uncertain",
+    [
+        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "directional"}, True),
+        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "point"}, True),
+        ({"type": "principled", "spec_trans": 1.0, "roughness": 0.2}, {"type": "spot"}, True),
+        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "constant"}, False),
+        ({"type": "roughdielectric", "alpha": 0.5}, {"type": "directional"}, False),
+        ({"type": "dielectric"}, {"type": "directional"}, False),
+        ({"type": "hair"}, {"type": "directional"}, False),
+        (COPPER, {"type": "directional"}, False),
+    ],
+)
+def test_light_of_a_lamp_without_extent_behind_rough_glass_is_rare(variant_rgb, glass, lamp, uncertain):
+    ball = {"type": "sphere", "bsdf": glass}
+    scene = mi.load_dict({"type": "scene", "sensor": {"type": "perspective"}, "ball": ball, "lamp": lamp})
+    assert sees_tiny_lamp(scene, scene.sensors()[0]) == uncertain
+
+
 def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
     """A visible lamp smaller than a pixel, wherever the second image has its pixels."""
     bright = {"light": sphere_lamp([0.9, 1.6, 1.5], 0.02, rgb(20000, 20000, 20000))}

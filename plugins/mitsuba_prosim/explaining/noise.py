@@ -143,15 +143,19 @@ def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> t
 
 
 def rarely_met(recorder: Recorder) -> str:
-    """Returns the lamp that glass hides most often from the surfaces, in words, because rays meet it only by chance;
-    empty if glass hides no lamp.
+    """Returns that glass hides lamps from the surfaces, so that rays meet them only by chance, in words; empty if glass
+    hides no lamp. A lamp has a name if it is the only one: light through glass does not follow the straight line by
+    which the samples find what is in the way.
     """
-    hidden = Counter[str]()
-    for (lamp, state, by), number in recorder.sums("lamp", ("lamp", "state", "occluder")).items():
+    hidden = Counter[int]()
+    for (state, by), number in recorder.sums("lamp", ("state", "occluder")).items():
         if state == HIDDEN and lobes.has_any(recorder.flags.get(by, 0), *lobes.REFRACTED):
-            hidden[f"the light of {recorder.lamps[lamp]} through {recorder.shape(by)}"] += number
-    remedy = "which only rays find that meet the lamp by chance; what would help: photons (caustics), or a larger lamp"
-    return f"{hidden.most_common(1)[0][0]}, {remedy}" if hidden else ""
+            hidden[by] += number
+    if not hidden:
+        return ""
+    lamp = recorder.lamps[0] if len(recorder.lamps) == 1 else "lamps"
+    light = f"the light of {lamp} through {recorder.shape(hidden.most_common(1)[0][0])}"
+    return f"{light}, which only rays find that meet a lamp by chance; what would help: photons (caustics)"
 
 
 def lights(recorder: Recorder, weights: np.ndarray) -> dict[tuple[str, bool], float]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 
-TINY_LAMP = " or more, as glossy surfaces reflect a lamp smaller than a pixel"
+TINY_LAMP = " or more, as glossy surfaces reflect or refract a lamp smaller than a pixel"
 #: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
 #: 1) and this many times its limit, wherever it is.
 FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0

@@ -84,7 +84,8 @@ class Reference:
         """
         sums, squares, begin = np.zeros(1), np.zeros(1), time.perf_counter()
         while self.passes < 3 or self.seconds < seconds:
-            images = [estimator.render(REFERENCE_SEEDS + self.passes)[0] for estimator in self._estimators]
+            first = REFERENCE_SEEDS + len(self._estimators) * self.passes  # methods may be equal, but not their samples
+            images = [method.render(first + k)[0] for k, method in enumerate(self._estimators)]
             sums = sums + np.array(images, dtype=np.float64)
             squares = squares + np.square(images, dtype=np.float64)
             self.passes += 1

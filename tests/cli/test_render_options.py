@@ -329,7 +329,7 @@ def ball(plugin, parameter):
         *[(XML.replace("</film>", EMPTY.format(*size)), "the crop window") for size in ((0, 4), (4, -1))],
         (ball("lambertian", '<rgb name="kd" value="1"/>'), "parameter kd; it has reflectance, ambient\n"),
         (ball("phong", '<float name="exponnt" value="9"/>'), "exponnt. Did you mean exponent?\n"),
-        (ball("conductor", '<string name="material" value="Copper"/>'), "allowed: Cu for copper;"),
+        (ball("conductor", '<string name="material" value="Copper"/>'), "allowed: none, Ag, Al"),
         (scene_text(content=HAIR), 'from "no.txt": file not found!\n'),
         # Mitsuba ends the process, or cannot tell why.
         (ball("lambertian", '<texture type="bitmap"/>'), "(line 8, col 58): this bitmap has no filename"),

@@ -232,26 +232,6 @@ def test_a_signal_after_the_first_pass_leaves_a_whole_image(noisy, monkeypatch):
     assert pixels(noisy.with_suffix(".exr")).max(axis=2).min() > 0
 
 
-#: The command, which writes its checkpoint often.
-OFTEN = """if True:
-    from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-    from prosim_start import main
-    CheckpointWriter.SHORTEST = 0.1
-    main()"""
-
-
-@pytest.mark.slow
-def test_a_signal_is_heard_in_a_long_pass(scene):
-    scene.write_text(scene_text(content=LIT_FLOOR, width=512, height=512, spp=65536))
-    command = [sys.executable, "-c", OFTEN, "render", scene, "--noise", "1e-5", "-t", "1", "--checkpoint"]
-    with started(command, **PIPES) as process:
-        until(scene.with_suffix(".state.npz").exists)  # it is at work, and has kept what there is
-        process.send_signal(signal.SIGINT)
-        until(lambda: process.poll() is not None)
-        assert process.returncode == 1 and b", interrupted\n" in process.stdout.read()
-    assert pixels(scene.with_suffix(".exr")).max(axis=2).min() > 0
-
-
 def test_snapshots_are_images_of_one_render(noisy):
     """Their own error and counts are in the metadata; the last image is that of a render without them."""
     done("render", noisy, "--noise", 0.0001, "-o", noisy.with_name("alone"))

@@ -370,16 +370,6 @@ def test_spectral_and_mono(variant_rgb):
         assert same_expectation(direct, renderings(penumbra(type="prosim", adaptive="none"), 12, spp=64))
 
 
-@pytest.mark.slow
-def test_scalar():
-    mi.set_variant("scalar_rgb")
-    direct = renderings(penumbra(size=16, type="direct"), 4, spp=64)
-    ours = renderings(penumbra(size=16, type="prosim"), 4, spp=9)
-    assert same_expectation(direct, ours)
-    dim = {"max_level": 2, "rr_throughput": 0.1}
-    assert np.isfinite(renderings(penumbra(ROUGH_GLASS, size=8, type="prosim", **dim), 1, spp=4)).all()
-
-
 def test_develop_false_leaves_the_film(variant_rgb):
     scene = mi.load_dict(penumbra(type="prosim"))
     expected = np.array(mi.render(scene, seed=4))

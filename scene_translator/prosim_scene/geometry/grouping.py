@@ -60,18 +60,10 @@ def components(
         if connected:  # only pairs that are not yet in one component need a test
             pairs = np.stack([first, second])[:, label[first] != label[second]]
             first, second = pairs[:, connected(*pairs)]
-        connect(label, first, second)
-    return label
-
-
-def connect(label: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Changes ``label``, a label for each element, so that connected elements have the smallest label that can be
-    reached over the pairs ``first`` and ``second`` of element numbers. Returns ``label``.
-    """
-    while True:
         a, b = label[first], label[second]
-        if (a == b).all():
-            return label
-        np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
-        while (label[label] != label).any():
-            label[:] = label[label]
+        while (a != b).any():
+            np.minimum.at(label, np.maximum(a, b), np.minimum(a, b))
+            while (label[label] != label).any():
+                label = label[label]
+            a, b = label[first], label[second]
+    return label

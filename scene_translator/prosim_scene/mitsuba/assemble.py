@@ -11,7 +11,7 @@ from ..geometry.grouping import group_equal
 from ..language.document import Document
 from ..model import Leaf, Light, Scene
 from ..nodes import Comment, Node
-from ..view import Camera, camera_of, warn_of_distortion
+from ..view import camera_of, warn_of_distortion
 from ..writer import ply_bytes
 from . import lights, materials, prosim_target, stock_target
 from .materials import MediumInterface
@@ -29,9 +29,6 @@ class Target(Protocol):
 
     def settings(self, context: Context) -> Node:
         """Returns the scene's settings, such as the integrator, as entries of the scene's dictionary."""
-
-    def camera(self, context: Context, camera: Camera) -> Camera:
-        """Returns the given camera, or the most similar camera that the target supports."""
 
     def light(self, context: Context, number: int, light: Light) -> Node:
         """Returns the emitter, or the shape with an emitter, of the AREA or POINT light with this number."""
@@ -83,8 +80,6 @@ def assemble(
     target: Target = prosim_target if options.target == "prosim" else stock_target
     context = Context(document, options, image_path)
     camera = camera_of(document, options.resolution)
-    if options.resolution is None and options.target == "prosim":  # the target stock emits its own warning
-        warn_of_distortion(document)
     triangles = tessellate(
         document,
         camera,
@@ -96,8 +91,11 @@ def assemble(
 
     result: Node = {"type": "scene"} | check_single_precision(document, target.settings(context))
     result["view_comment"] = _comment_with_line(document, "VIEW", "view")
-    seen = target.camera(context, camera)
-    view_sensor = sensor(context, seen, target.LENS, target.SAMPLER, triangles.values())
+    if options.target == "stock":
+        camera = stock_target.camera(context, camera)
+    elif options.resolution is None:
+        warn_of_distortion(document)
+    view_sensor = sensor(context, camera, target.LENS, target.SAMPLER, triangles.values())
     result["view"] = check_single_precision(document, view_sensor, "view")
     lights.warn_of_hidden_lights(context, [mesh.positions for mesh in triangles.values()])
     for i, light in enumerate(scene.lights):

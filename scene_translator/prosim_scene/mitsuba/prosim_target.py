@@ -2,7 +2,6 @@
 
 from ..model import Leaf, Light
 from ..nodes import Comment, Default, Node, rgb
-from ..view import Camera
 from . import lights, materials
 from .translation_context import Context
 
@@ -35,11 +34,6 @@ def settings(context: Context) -> Node:
             "channels": "".join(c for c, saved in zip("rgb", scene.channels, strict=True) if saved),
         },
     }
-
-
-def camera(context: Context, camera: Camera) -> Camera:
-    """Returns the camera, because this target supports every camera."""
-    return camera
 
 
 def light(context: Context, number: int, light: Light) -> Node:

@@ -42,6 +42,7 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
         ("render", "{}/x.jpg", ".exr and .png"),
         ("render", "{}/other.npz", ".exr and .png"),
         ("compare", "{}/x.png", "for .html"),
+        ("translate", "{}/pal.xml", "give a folder"),
         ("translate", "{}/" + "a" * 260, "File name too long"),
         ("render", "/proc/image", "No such file"),
         *[("render", "{}/" + name, "too long") for name in ("a" * 252, "é" * 126)],

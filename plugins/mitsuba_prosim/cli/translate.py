@@ -8,7 +8,7 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .files import LANGUAGE_FILE
+from .files import FOREIGN, LANGUAGE_FILE
 from .job import Command, Job, job_options
 from .option_types import input_errors, option
 
@@ -28,6 +28,8 @@ TARGETS = click.Choice(["prosim", "stock"])
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     folder = None if job.output is None else Path(job.output).expanduser()
+    if folder is not None and FOREIGN.fullmatch(folder.suffix.lower()) and not folder.is_dir():
+        raise click.BadParameter(f"'{folder}': give a folder; its files get the scene's name.", param_hint="-o")
     options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
     options |= job.language | {"target": target}
     with input_errors():

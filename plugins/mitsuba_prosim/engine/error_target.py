@@ -34,10 +34,9 @@ AIM = 0.96
 #: them.
 RATE = 0.65
 
-#: Maximum ratio of the upper bound of the error to the target. With this ratio, at most 5 % of the images have more
-#: than 1.05 times the target: a render is measured after each pass, and ends at the first small error. Minimum ratio of
-#: the bound to the error for an error that is uncertain because few pixels have most of the error.
-TOLERANCE, UNCERTAIN = 0.98, 1.2
+#: Minimum ratio of the upper bound of the error to the error for an error that is uncertain because few pixels have
+#: most of it.
+UNCERTAIN = 1.2
 
 #: A photon pass is used if enough samples gather its photons. Enough is the number of its photons, or the number of
 #: pixels times its photon maps if that is less, divided by SPARSE.
@@ -65,13 +64,13 @@ class ErrorTarget:
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to the limit of this error, at most 1e100.
 
-        The result is NaN without limits, or if the errors are NaN because they were not measured yet. The upper bound
-        of the RMS error, divided by :data:`TOLERANCE`, is compared with the limit of the RMS error, too. If the upper
-        bound is more than :data:`UNCERTAIN` times the RMS error, the bound is ignored, because few pixels have most of
-        the error; :attr:`.Reached.uncertain` reports this case.
+        The result is NaN without limits, or if the errors are NaN because they were not measured yet. The limit of the
+        RMS error holds for its upper bound. If the upper bound is more than :data:`UNCERTAIN` times the RMS error, the
+        RMS error itself is compared, because few pixels have most of the error; :attr:`.Reached.uncertain` reports
+        this case.
         """
         rms, tail, bound = noise
-        rms = max(rms, bound / TOLERANCE) if bound <= UNCERTAIN * rms else rms
+        rms = bound if bound <= UNCERTAIN * rms else rms
         ratios = [measured / limit for measured, limit in zip((rms, tail), self.limits) if limit]
         return min(max(ratios, default=np.nan), 1e100)  # finite even if an error is infinite
 

@@ -252,7 +252,7 @@ def goal_of(image: Image, target: ErrorTarget, measure: Measure | None) -> Goal:
     small, or if the checkpoint has a complete second image.
     """
     if any(target.limits) or (measure is not None and target.seconds):
-        small = area(image.plan.region) < 2 * SecondImage.MIN_PIXELS
+        small = area(image.plan.region) < 4 * SecondImage.MIN_PIXELS
         early = bool(target.seconds) and not target.excess(image.noise) <= 1
         image.begin_second((early or small or image.has_complete_second) and measure is not None)
     goal = ErrorGoal(target, measure or raw_error) if image.plan.sampling.has_target else PolicyGoal(target)

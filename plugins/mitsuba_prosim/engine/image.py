@@ -227,7 +227,7 @@ class SecondImage(PixelSet):
     """
 
     #: One pixel of this many is in the second image, and at least this number of pixels.
-    ONE_IN, MIN_PIXELS = 64, 4096
+    ONE_IN, MIN_PIXELS = 64, 2048
     #: Fewer pixels than this are sampled several times, because their differences could all be small by chance; and the
     #: maximum number of copies of a pixel.
     FEW, MAX_COPIES = 512, 64

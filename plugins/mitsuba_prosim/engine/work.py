@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 #: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
 MOST_SUMS = 1 << 23
 
-#: Number of classes per factor of 2 by which pixels are sorted by their number of missing samples.
-CLASSES_PER_OCTAVE = 4
-
 
 class Step(NamedTuple):
     """The progress that :class:`.Render` yields after each work item."""
@@ -175,16 +172,14 @@ def work_items(
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
     each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
     have improved if the render is stopped early. Pixels that need similar numbers of samples are in the same work item
-    if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need similar numbers of
+    if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need equal numbers of
     samples, neighbours are in the same work item if possible, because their rays are similar.
     """
     lack = lacking(image, wanted)
     order = np.flatnonzero(lack)
     x, y = (np.array(values).astype(np.uint32) for values in (image.x, image.y))
-    place = z_curve(x[order], y[order])
-    # The key of the sort: first the class of missing samples, in falling order; then the place along the Z curve.
-    kind = np.floor(CLASSES_PER_OCTAVE * np.log2(lack[order])).astype(np.int64)
-    order = order[np.argsort(place - (kind << 32))]
+    # The key of the sort: first the number of missing samples, in falling order; then the place along the Z curve.
+    order = order[np.argsort(z_curve(x[order], y[order]) - (lack[order] << 32))]
     ends = np.cumsum(lack[order])
     begin = before = 0
     while begin < len(order):

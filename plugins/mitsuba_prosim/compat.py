@@ -380,9 +380,10 @@ def outer_normal(shape: mi.Shape, p: mi.Point3f, n: mi.Normal3f) -> mi.Normal3f:
         return -n
     if shape.class_name() != SPHERE:
         return n
-    m = linear_part(shape)
-    if np.allclose(m, abs(m[0, 0]) * np.eye(3), rtol=0, atol=1e-6 * np.abs(m).max()):
-        return n
+    if not dr.flag(dr.JitFlag.FreezingScope):  # while dr.freeze records a function, no transform can be read
+        m = linear_part(shape)
+        if np.allclose(m, abs(m[0, 0]) * np.eye(3), rtol=0, atol=1e-6 * np.abs(m).max()):
+            return n
     out = dr.normalize(p - shape_transform(shape) @ mi.Point3f(0))
     return mi.Normal3f(-out if shape.has_flipped_normals() else out)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from image_statistics import blocks, renderings, same_expectation
 from mitsuba_prosim.scene.scene_file import SceneFile
-from scenes import penumbra, slow
+from scenes import T, camera, film, load_scene, penumbra, rectangle, slow
 
 
 @pytest.mark.parametrize("spp, least, most", [(4, 0, 0.9), (5, 0.9, 1.1)])
@@ -77,6 +77,27 @@ def test_a_frozen_function_is_refused(variant_rgb):
     with pytest.raises(RuntimeError) as error:
         frozen(mi.UInt32(1))
     assert "dr.freeze" in "".join(traceback.format_exception(error.value))
+
+
+@pytest.mark.parametrize(
+    "shape", [{"type": "sphere", "center": [0, 0, 2]}, {"type": "rectangle", "flip_normals": True}, {"type": "cube"}]
+)
+def test_lamps_light_in_a_frozen_function(variant_rgb, shape):
+    """A recorded function can't read the area and the transform of a shape; its light is still that of ``area``."""
+    to_world = mi.ScalarTransform4f().translate([0, 0, 2])
+    shape = shape if "center" in shape else shape | {"to_world": to_world}
+    path, images = mi.load_dict({"type": "path", "max_depth": 2}), []
+    for plugin in "area", "prosim_area":
+        lamp = shape | {"emitter": {"type": plugin, "radiance": 3.0}}
+        scene = load_scene(sensor=camera([0, 0, 9], [0, 0, 0], film(8)), card=rectangle(T().scale(9)), lamp=lamp)
+        frozen = dr.freeze(lambda scene, seed: mi.render(scene, integrator=path, seed=seed, spp=64))
+        radiance = mi.traverse(scene)
+        images.append(np.array(frozen(scene, mi.UInt32(1))))
+        radiance["lamp.emitter.radiance.value"] *= 2
+        radiance.update()
+        images.append(np.array(frozen(scene, mi.UInt32(1))))
+    expected, doubled, found, double = (image.mean() for image in images)
+    assert (found, doubled, double) == pytest.approx((expected, 2 * expected, 2 * expected), rel=0.02)
 
 
 # ---- The order of lamps and of what is specular: Mitsuba gives meshes another one whenever it loads a scene

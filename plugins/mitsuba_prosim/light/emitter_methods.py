@@ -61,9 +61,12 @@ def point_sampler(emitter: mi.Emitter) -> str:
 def has_area(shape: mi.Shape) -> bool:
     """Tells whether Mitsuba knows the area of ``shape``. Of other shapes, Mitsuba 3.9 cannot sample points."""
     try:
-        return bool(dr.all(shape.surface_area() > 0))
+        area = shape.surface_area()
     except RuntimeError:
         return False
+    if dr.flag(dr.JitFlag.FreezingScope):  # while dr.freeze records a function, only literals can be read
+        return area.state != dr.VarState.Literal
+    return bool(dr.all(area > 0))
 
 
 def warn_of_unsampled(emitters: Iterable[mi.Emitter]) -> None:

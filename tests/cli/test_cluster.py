@@ -28,7 +28,6 @@ from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor
 from mitsuba_prosim.scene import scene_file
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
-from test_frames import FILM
 from test_samples_per_pixel import INTEGRATORS, SPP
 from waiting import PATIENCE, started, until
 
@@ -257,17 +256,6 @@ def test_two_renders_on_one_cluster(client, lamp):
     assert np.array_equal(image, here(lamp, **crop))
     done(*options, lamp.parent / "b")
     assert alike(lamp.parent / "a", lamp.parent / "b")
-
-
-@pytest.mark.slow
-def test_a_film(client, lamp):
-    """Its frames have the bytes of one process."""
-    film = lamp.with_name("film.scn")
-    film.write_text(FILM)
-    options = ["render", film, "--frames", "0:3", "--resolution", "12x12"]
-    done(*options, "-o", film.with_name("a"))
-    done(*options, "-o", film.with_name("b"), "--cluster", client.scheduler.address)
-    assert all(alike(film.with_name(f"b.000{n}.exr"), film.with_name(f"a.000{n}.exr")) for n in range(3))
 
 
 #: A cluster in a process of its own, which says where it is.

@@ -137,7 +137,7 @@ def test_sampled_light_of_a_turned_lamp_is_that_of_rays(variant_rgb, tmp_path, n
     turns = T().rotate([0, 0.6, 0.8], 150), T().rotate([0, 0.6, 0.8], 50).scale([1, -1, 1])
     texels = bitmap(np.random.default_rng(2).random((3, 3, 3)) + 0.5)
     u = mi.Point2f(np.random.default_rng(1).random((2, 64)).astype(np.float32))
-    for to_world, flipped, plugin, radiance in itertools.product(turns, (False, True), PLUGINS, (3.0, texels)):
+    for to_world, flipped, (plugin, radiance) in itertools.product(turns, (False, True), zip(PLUGINS, (texels, 3.0))):
         emitter = {"type": plugin, "radiance": radiance}
         shape = shape_of(name, tmp_path) | {"to_world": to_world, "flip_normals": flipped, "emitter": emitter}
         scene = load_scene(lamp=shape)

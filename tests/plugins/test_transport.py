@@ -169,7 +169,7 @@ def test_ideal_lobes_under_an_even_sky(variant_rgb, bounces):
     assert (np.abs(mean - [1, 1, 0.5, 0.6]) < 4 * error + 1e-5).all(), (mean, error)
 
 
-@pytest.mark.parametrize("other", [BLACK, PRINCIPLED], ids=["apart", "whole"])
+@pytest.mark.parametrize("other", [BLACK, *slow(PRINCIPLED)], ids=["apart", "whole"])
 @pytest.mark.parametrize(
     "wrap, z, through",
     [(lambda b: masked(b, 0.3), 0.8, 0.7), (two_sided, 0.8, 0), (two_sided, -0.8, 0), (behind_black, -0.8, 0)],

@@ -221,9 +221,8 @@ AOV, PATH = "AOVIntegrator", "PathIntegrator"
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
-#: Class names of BSDFs that name their components, but evaluate all of them together; and of BSDFs whose diffuse lobe
-#: is Lambert's.
-EVALUATED_TOGETHER, DIFFUSE = ("Principled", "PrincipledThin"), ("SmoothDiffuse",)
+#: Class names of BSDFs that name their components, but evaluate all of them together.
+EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
 
 
 def emitter_samples(integrator: mi.Integrator) -> int:

@@ -11,13 +11,14 @@ from mitsuba_prosim.alone import alone
 from mitsuba_prosim.engine.error_target import limit_by_photons
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.photons import grid
-from mitsuba_prosim.photons.caustics import Caustics, Gathering
+from mitsuba_prosim.photons.caustics import Caustics, diffuse_radiance
 from mitsuba_prosim.photons.emission import Sources, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
 from mitsuba_prosim.photons.targets import Targets, is_specular, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
+from mitsuba_prosim.transport.scattering import Scattering
 from scenes import T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
 from test_record import Elsewhere, finished
 
@@ -114,7 +115,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     white = mi.load_dict({"type": "diffuse", "reflectance": 1.0})
     world = load_scene(floor=floor(1.0), ball=ball(ROUGH))
     vertex = Vertex(si, white, mi.Bool(True), mi.Bool(False), mi.Bool(True), None, None)
-    L = Gathering(world)(photons, mi.UInt32(number), vertex)
+    L = diffuse_radiance(Scattering(world), photons, mi.UInt32(number), vertex)
     width = footprint.width(place)
     radius = np.round(np.array(grid.kernel_radii(place, footprint) / width)).astype(int)
     assert set(radius) == {times} if times else len(set(radius)) > 1

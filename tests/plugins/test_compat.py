@@ -132,7 +132,6 @@ def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
         compat.MAPS[1]: {"type": "normalmap", "normalmap": texture, "bsdf": bsdf},
         compat.EVALUATED_TOGETHER[0]: {"type": "principled"},
         compat.EVALUATED_TOGETHER[1]: {"type": "principledthin"},
-        compat.DIFFUSE[0]: bsdf,
         compat.AOV: {"type": "aov", "aovs": "d:depth"},
         compat.PATH: {"type": "path"},
     }

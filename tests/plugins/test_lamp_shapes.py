@@ -63,21 +63,6 @@ def test_textured_lamp_keeps_its_light(variant_rgb, tmp_path, logged, case, plug
         assert "'lamp' do not light diffuse surfaces" in logged[0][1]
 
 
-def test_bright_spot_is_sampled_by_the_texture(variant_rgb, tmp_path):
-    """Much less noise than by area, as on a mesh."""
-    texels = np.zeros((16, 16, 3))
-    texels[3, 5] = 100
-    noise = {}
-    for case in ("rectangle", "unit"):
-        shape, _ = textured(case, tmp_path)
-        if case == "rectangle":
-            shape = {"type": "rectangle"}
-        scene = lit(shape | {"emitter": {"type": "prosim_area", "radiance": bitmap(texels, filter_type="nearest")}})
-        value, error = mean(scene, DIRECT, spp=16)
-        noise[case] = error / value
-    assert noise["rectangle"] < 0.2 * noise["unit"]
-
-
 @pytest.mark.parametrize("case", ["sdfgrid", "bsplinecurve", "attribute"])
 def test_lamp_without_sampling_refuses_particle_tracing(variant_rgb, tmp_path, case):
     shape, radiance = textured(case, tmp_path) if case == "attribute" else (shape_of(case, tmp_path), rgb(1, 2, 3))

@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import facets, fresnel, grooves
+from ..optics import fresnel
 from ..optics.dispersion import index, optical_constant
 from ..optics.material import Evaluated, Pigmented, reflectance
 from ..parameters import constant_values, flag, for_message, reject
@@ -138,22 +138,13 @@ class Composite(Pigmented):
     def specular_sample(
         self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> mi.Vector3f:
-        width = self.roughness.eval_1(si, active)
-        m = facets.sample_visible(si.wi, sample2, self.distribution, width)
-        if self.multiple_scattering:
-            return grooves.leave(si.wi, m, sample1, self.distribution, width)
-        return mi.reflect(si.wi, m)
+        return self.sample_facets(si, sample1, sample2, active)
 
     def specular_eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
     ) -> Evaluated:
-        width = self.roughness.eval_1(si, active)
-        ks, reflected = self.specular_factor(si, active), self.reflected(si, active)
-        if self.multiple_scattering:
-            value, pdf = grooves.reflect((si.wi, wo), self.distribution, width, reflected, active)
-            return ks * value, pdf
-        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return ks * reflected(i_m) * value, pdf
+        value, pdf = self.eval_facets(si, wo, self.reflected(si, active), active)
+        return self.specular_factor(si, active) * value, pdf
 
 
 def known_to_conserve(props: mi.Properties) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
-from ..optics import facets, fresnel, grooves
+from ..optics import fresnel
 from ..optics.dispersion import index, optical_constant
 from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
@@ -129,30 +129,12 @@ class Conductor(Material):
         """
         if self.roughness is None:
             return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, active)(si.wi.z)
-        width = self.roughness.eval_1(si, active)
-        m = facets.sample_visible(si.wi, sample2, self.distribution, width)
-        if self.multiple_scattering:
-            wo = grooves.leave(si.wi, m, sample1, self.distribution, width)
-            value, pdf = self.evaluate(ctx, si, wo, active)
-            pdf = dr.select(wo.z > 0, pdf, 0)
-            return wo, mi.UInt32(0), pdf, value / dr.select(pdf > 0, pdf, 1)
-        i_m, wo = dr.dot(si.wi, m), mi.reflect(si.wi, m)
-        g1 = facets.g1(si.wi.z, m.z, i_m)
-        pdf = self.distribution.D(m, width) * g1 / (4 * si.wi.z)
-        pdf = dr.select((i_m > 0) & (wo.z > 0), pdf, 0)
-        active = active & (pdf > 0)
-        if active is False:
-            return wo, mi.UInt32(0), pdf, mi.UnpolarizedSpectrum(0)
-        # The value F D G / (4 cos), divided by the density D G1 / (4 cos).
-        weight = facets.g(si.wi.z, wo.z, m.z, i_m) / dr.select(active, g1, 1)
-        return wo, mi.UInt32(0), pdf, self.reflected(si, active)(i_m) * weight
+        wo = self.sample_facets(si, sample1, sample2, active)
+        value, pdf = self.eval_pdf(ctx, si, wo, active)
+        return wo, mi.UInt32(0), pdf, mi.unpolarized_spectrum(value) / dr.select(pdf > 0, pdf, 1)
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
-        width = self.roughness.eval_1(si, active)
-        if self.multiple_scattering:
-            return grooves.reflect((si.wi, wo), self.distribution, width, self.reflected(si, active), active)
-        i_m, value, pdf = facets.torrance_sparrow(si.wi, wo, self.distribution, width)
-        return self.reflected(si, active)(i_m) * value, pdf
+        return self.eval_facets(si, wo, self.reflected(si, active), active)
 
 
 def metals() -> list[str]:

@@ -218,22 +218,14 @@ class Dielectric(Material):
             pdf = divisor = dr.detach(mi.Float(pdf))
         else:
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
-            if (
-                self.disperses or self.multiple_scattering
-            ):  # total reflection of this wavelength may be partial for others
-                value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
-                value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
-            else:
-                divisor = dr.detach(self.probability(ctx, reflected, face.f))
-                facet = Facet(m, i_m, dr.select(reflected, i_m, face.cos_t))
-                lit, density = self.eval_facets(si.wi, bs.wo, facet, reflected, width, etas[0])
-                pdf = density * divisor
-                value = self.fraction(ctx, si, reflected, face, active) * (lit / dr.select(density > 0, density, 1))
+            # The total reflection of this wavelength may be partial for others.
+            value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))
+            value, divisor = mi.unpolarized_spectrum(value), dr.detach(pdf)
         active = active & (pdf > 0)
         bs.pdf = dr.select(active, pdf, 0)
         return bs, mi.depolarizer(value / dr.select(active, divisor, 1)) & active
 
-    def eval_facets(
+    def eval_facet(
         self, wi: mi.Vector3f, wo: mi.Vector3f, facet: Facet, reflected: mi.Bool, width: mi.Float, eta: mi.Float
     ) -> tuple[mi.Float, mi.Float]:
         """Returns ``(value, pdf)`` of the microfacets with the normal of ``facet``, which scatter light from ``wo`` to
@@ -271,7 +263,7 @@ class Dielectric(Material):
             facet = facets.facet_between(si.wi, wo, eta)
             # The front of a facet is visible only from the front of the surface, and its back only from the back.
             facing = active & (facet.i_m * si.wi.z > 0) & (facet.o_m * wo.z > 0)
-            lit, density = self.eval_facets(si.wi, wo, facet, reflected, width, eta)
+            lit, density = self.eval_facet(si.wi, wo, facet, reflected, width, eta)
             faces.append(fresnel.interface(facet.i_m, eta))
             values.append(dr.select(facing, lit, 0))
             if self.multiple_scattering:

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import SPHERE
-from ..light.emitter_methods import has_area, no_sample, point_sampler, sample_point, sample_shape
+from ..light.emitter_methods import has_area, has_points, no_sample, sample_point, sample_shape
 from ..light.source import Source
 from ..registry import plugin
 
@@ -59,11 +59,10 @@ class Area(Source):
     With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
     A sphere is sampled over the solid angle that it subtends (thesis, section 4.2.2.1). Other shapes are sampled by
-    their own method. A bitmap without :monosp:`to_uv` on a rectangle, disk, cylinder or sphere is sampled in proportion
-    to its brightness. Mitsuba cannot sample curves, ellipsoids, :monosp:`sdfgrid` and the texture
-    :monosp:`mesh_attribute`: only rays that meet such a source find its light, so that a ray tree loses its light on
-    diffuse surfaces, with a warning, and particle tracing raises an error. For an unoccluded, uniform sphere of radius
-    r at distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    their own method, independent of a texture. Mitsuba cannot sample curves, ellipsoids, :monosp:`sdfgrid` and the
+    texture :monosp:`mesh_attribute`: only rays that meet such a source find its light, so that a ray tree loses its
+    light on diffuse surfaces, with a warning, and particle tracing raises an error. For an unoccluded, uniform sphere
+    of radius r at distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
     On a mesh whose vertex normals are tilted against its triangles, light sampling loses light, as with Mitsuba's
     :monosp:`area`: a warning names the shape.
@@ -111,18 +110,6 @@ class Area(Source):
         super().__init__(props, "radiance", "that of the shape")
         varies = self.emission.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
-        self._sampler: str | None = None
-
-    @property
-    def sampler(self) -> str:
-        """The result of :func:`.point_sampler`; "" for an emitter without a shape."""
-        if self._sampler is None and self.get_shape() is not None:
-            self._sampler = point_sampler(self)
-        return self._sampler or ""
-
-    def parameters_changed(self, keys: list[str]) -> None:
-        self._sampler = None  # the shape, which is the parent, may have other texture coordinates
-        super().parameters_changed(keys)
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
@@ -155,35 +142,21 @@ class Area(Source):
         radiance / ``ds.pdf``, per solid angle. Both are 0 if the point faces away, or nothing can sample it.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
-        if not self.sampler:
+        if not has_points(self):
             return no_sample(mi.DirectionSample3f), mi.Spectrum(0)
-        if self.sampler == "texture":
-            ps = self.sample_texture(it.time, sample, active)
-            ds = mi.DirectionSample3f(ps)
-            ds.d = ds.p - it.p
-            ds.dist = dr.norm(ds.d)
-            ds.d /= dr.maximum(ds.dist, 1e-30)
-            ds.pdf = ps.pdf * dr.square(ds.dist) / dr.maximum(-dr.dot(ds.d, ds.n), 1e-30)
-        else:
-            varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
-            ds = sample_shape(self.get_shape(), it, sample, active, varies)
-            ds.pdf = self.pdf_shape(it, ds, ds.pdf)
+        varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
+        ds = sample_shape(self.get_shape(), it, sample, active, varies)
+        ds.pdf = self.pdf_shape(it, ds, ds.pdf)
         active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
-        if not self.sampler:
+        if not has_points(self):
             return mi.Float(0)
-        cos = -dr.dot(ds.d, ds.n)
-        active = active & (cos > 0)
-        if self.sampler == "texture":
-            _, per_area = self.at_texture(ds.uv, self.emission.pdf_position(ds.uv, active), active)
-            pdf = per_area * dr.square(ds.dist) / dr.maximum(cos, 1e-30)
-        else:
-            pdf = self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active))
-        return dr.select(active, pdf, mi.Float(0))
+        active = active & (dr.dot(ds.d, ds.n) < 0)
+        return dr.select(active, self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active)), mi.Float(0))
 
     def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
         """Corrects ``pdf``, Mitsuba's density of `Shape.sample_direction`, for a small or distant sphere.
@@ -203,29 +176,10 @@ class Area(Source):
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
         """Samples a point; returns it, and 1 divided by its density per area, or 0 if nothing can sample the points."""
-        if not self.sampler:
+        if not has_points(self):
             return no_sample(mi.PositionSample3f), mi.Float(0)
-        if self.sampler == "texture":
-            ps = self.sample_texture(time, sample, active)
-        else:
-            ps = sample_point(self.get_shape(), time, sample, active)
+        ps = sample_point(self.get_shape(), time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
-
-    def sample_texture(self, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-        """Samples a point by the emission texture; the density is per surface area."""
-        uv, pdf = self.emission.sample_position(sample, active)
-        si, density = self.at_texture(uv, pdf, active & (pdf > 0))
-        ps = mi.PositionSample3f(si)
-        ps.time, ps.delta, ps.pdf = time, mi.Bool(False), density
-        return ps
-
-    def at_texture(self, uv: mi.Point2f, pdf: mi.Float, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """Returns the point with the texture coordinates ``uv``, and its density per surface area, 0 if there is none;
-        ``pdf`` is the density of ``uv`` in the unit square.
-        """
-        si = self.get_shape().eval_parameterization(uv, mi.RayFlags.All, active)
-        stretch = dr.norm(dr.cross(si.dp_du, si.dp_dv))
-        return si, dr.select(si.is_valid(), pdf / dr.maximum(stretch, 1e-30), mi.Float(0))
 
     def sample_ray(
         self, time: mi.Float, sample1: mi.Float, sample2: mi.Point2f, sample3: mi.Point2f, active: mi.Bool = True
@@ -262,7 +216,7 @@ class Area(Source):
         """Raises RuntimeError if the source is ``unattenuated``, or if nothing can sample its points."""
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): with unattenuated, rays have no power; leave it out.")
-        if self.get_shape() is not None and not self.sampler:
+        if self.get_shape() is not None and not has_points(self):
             raise RuntimeError(
                 f"{self.id()} (prosim_area): Mitsuba cannot sample the points of this shape or texture (curves, "
                 "ellipsoids, sdfgrid, mesh_attribute), so the source has no rays. Use another shape or texture."

@@ -5,7 +5,7 @@ as an ``area`` on a curve, would end the call for all others. :class:`EmitterMet
 of one scene only.
 
 An ``area`` with a texture samples texture coordinates, and looks for the point of the shape with these coordinates. So
-it may lose light on a mesh, where coordinates may be outside the unit square or belong to several points. There
+it may lose light, for example on a mesh, where coordinates may be outside the unit square or belong to several points.
 :class:`EmitterMethods` samples the shape.
 
 An ``envmap`` with ``mis_compensation`` samples only its bright parts, because the rays of a path find the others. So
@@ -20,17 +20,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import (
-    AREA,
-    ENVMAP,
-    MESH_ATTRIBUTE,
-    SPHERE,
-    has_unique_uv,
-    linear_part,
-    mesh_positions,
-    outer_normal,
-    samples_elsewhere,
-)
+from ..compat import AREA, ENVMAP, MESH_ATTRIBUTE, SPHERE, linear_part, mesh_positions, outer_normal
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -42,20 +32,16 @@ PROBES = 32
 MIN_TILT_LOSS = 0.01
 
 
-def point_sampler(emitter: mi.Emitter) -> str:
-    """Tells what samples the points of ``emitter``: its "texture", if it reaches all of them, or its "shape"; or ""
-    where Mitsuba cannot sample the shape, or evaluates the radiance only where a ray meets it (``mesh_attribute``).
+def has_points(emitter: mi.Emitter) -> bool:
+    """Tells whether points of ``emitter`` can be sampled: not where Mitsuba cannot sample the shape, or evaluates the
+    radiance only where a ray meets it (``mesh_attribute``).
 
     The shape of an emitter on ``ellipsoidsmesh`` is None (Mitsuba 3.9).
     """
     shape = emitter.get_shape()
     if shape is None or not has_area(shape):
-        return ""
-    parameters = mi.traverse(emitter)
-    if any(node.class_name() == MESH_ATTRIBUTE for node in parameters.hierarchy):
-        return ""
-    by_texture = mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying) and has_unique_uv(shape)
-    return "texture" if by_texture and not samples_elsewhere(parameters, "radiance.") else "shape"
+        return False
+    return all(node.class_name() != MESH_ATTRIBUTE for node in mi.traverse(emitter).hierarchy)
 
 
 def has_area(shape: mi.Shape) -> bool:
@@ -70,10 +56,10 @@ def has_area(shape: mi.Shape) -> bool:
 
 
 def warn_of_unsampled(emitters: Iterable[mi.Emitter]) -> None:
-    """Warns of surfaces that emit in many directions, but have no :func:`point_sampler`."""
+    """Warns of surfaces that emit in many directions, but have no points to sample (:func:`has_points`)."""
     surface, single = mi.EmitterFlags.Surface, mi.EmitterFlags.DeltaDirection
     many = [e for e in emitters if mi.has_flag(e.flags(), surface) and not mi.has_flag(e.flags(), single)]
-    if names := ", ".join(repr(name_of(e)) for e in many if not point_sampler(e)):
+    if names := ", ".join(repr(name_of(e)) for e in many if not has_points(e)):
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {names} do not light diffuse surfaces, because Mitsuba cannot sample their shape or texture "
@@ -185,17 +171,15 @@ def omits_directions(emitter: mi.Emitter) -> bool:
 class EmitterMethods:
     """Samples the ``emitters`` of a scene, given one of them or a Dr.Jit array.
 
-    Other emitters, and emitters without a :func:`point_sampler`, have samples and densities of 0.
+    Other emitters, and surfaces for which :func:`has_points` is false, have samples and densities of 0.
     """
 
     def __init__(self, emitters: Iterable[mi.Emitter]) -> None:
-        #: The object that samples each emitter, which is the emitter or its shape; and the :func:`point_sampler`.
-        self.samplers: dict[mi.Emitter, tuple[mi.Emitter | mi.Shape, str]] = {}
+        #: The object that samples each emitter, which is the emitter or its shape.
+        self.samplers: dict[mi.Emitter, mi.Emitter | mi.Shape] = {}
         for one in emitters:
-            by = point_sampler(one)
-            if by or not mi.has_flag(one.flags(), mi.EmitterFlags.Surface):
-                by_shape = by == "shape" and one.class_name() == AREA
-                self.samplers[one] = one.get_shape() if by_shape else one, by
+            if not mi.has_flag(one.flags(), mi.EmitterFlags.Surface) or has_points(one):
+                self.samplers[one] = one.get_shape() if one.class_name() == AREA else one
         #: The emitters that do not sample all their directions.
         self.partial = [one for one in self.samplers if omits_directions(one)]
 
@@ -203,7 +187,7 @@ class EmitterMethods:
         """Returns ``function(emitter, sampler, *args)`` for the emitter of each lane, or ``otherwise``."""
 
         def call(one: mi.Emitter, *args: Any) -> Any:
-            return function(one, self.samplers[one][0], *args) if one in self.samplers else otherwise
+            return function(one, self.samplers[one], *args) if one in self.samplers else otherwise
 
         single = not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter)
         return call(emitter, *args) if single else dr.dispatch(emitter, call, *args)
@@ -267,17 +251,10 @@ class EmitterMethods:
 
         return self._call(emitter, drawn, no_sample(mi.PositionSample3f), sample, active)
 
-    def pdf_position(
-        self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
-    ) -> mi.Float:
+    def pdf_position(self, emitter: Emitter, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per area of :meth:`sample_position` at ``ds``; 0 for an emitter without a shape."""
 
-        def density(
-            one: mi.Emitter, sampler: Any, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
-        ) -> mi.Float:
-            by = self.samplers[one][1]
-            if by == "texture":  # the texture samples points and directions alike
-                return one.pdf_direction(it, ds, active) * dr.abs_dot(ds.n, ds.d) / dr.square(ds.dist)
-            return one.get_shape().pdf_position(ds, active) if by else mi.Float(0)
+        def density(one: mi.Emitter, sampler: Any, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+            return mi.Float(0) if one.get_shape() is None else one.get_shape().pdf_position(ds, active)
 
-        return self._call(emitter, density, mi.Float(0), it, ds, active)
+        return self._call(emitter, density, mi.Float(0), ds, active)

@@ -37,15 +37,13 @@ def reparameterised_sample(
     lights: Lights, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
     """Returns the sample ``(ds, weight)`` of ``lamp``, with derivatives of the direction, the density and the weight;
-    unchanged if the lamp is no surface, or the sampled point is not found on a lamp whose derivatives follow its shape.
+    unchanged if the lamp is no surface, or a ray does not find the sampled point.
     """
     emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
     active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
-    met, follows = None, lamp.follows_shape
-    if follows is not False:
-        to_point = si.spawn_ray_to(ds.p)  # ends just before the point
-        met = meet(lights.scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active & follows)
-        active = dr.select(follows, active & met.is_valid() & (met.shape.emitter() == emitter), active)
+    to_point = si.spawn_ray_to(ds.p)  # ends just before the point
+    met = meet(lights.scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active)
+    active = active & met.is_valid() & (met.shape.emitter() == emitter)
     moved, jacobian = lamp.reparameterised(receiver, dr.detach(ds.d), met, active)
     moved.emitter = emitter
     radiance = eval_direction(emitter, si, moved, active)

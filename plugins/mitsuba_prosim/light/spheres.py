@@ -22,7 +22,6 @@ class SphereLights(OtherLights):
     """Samples spheres that emit outwards equally everywhere; ``emitters`` are all for which :meth:`can_sample`."""
 
     samples_below_horizon = False
-    follows_shape = False
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.spheres = [sphere_of(emitter) for emitter in emitters]
@@ -64,7 +63,7 @@ class SphereLights(OtherLights):
         return pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, y, dr.dot(receiver.n, ds.d))
 
     def reparameterised(
-        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
+        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)`` as :meth:`.OtherLights.reparameterised`; ``met`` is not used.
 

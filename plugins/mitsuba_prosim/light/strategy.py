@@ -56,8 +56,6 @@ class OtherLights:
 
     #: Whether the strategy samples the whole source, including the part below the horizon.
     samples_below_horizon = True
-    #: Whether :meth:`reparameterised` needs the point ``met`` on the source.
-    follows_shape = True
 
     def __init__(self, emitters: Sequence[mi.Emitter]) -> None:
         self.methods = EmitterMethods(emitters)
@@ -80,7 +78,7 @@ class OtherLights:
         return self.methods.pdf_direction(ds.emitter, receiver.si, ds, active)
 
     def reparameterised(
-        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
+        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the light source ``number``.
 
@@ -88,7 +86,6 @@ class OtherLights:
         ``met`` follow its shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
         small part of the source around ``met``, seen from ``receiver`` (:mod:`.reparameterisation`).
         """
-        assert met is not None
         to_point = met.p - receiver.si.p
         d2 = dr.squared_norm(to_point)
         moved = to_point * dr.rsqrt(d2)

@@ -42,11 +42,6 @@ class Lamp:
     #: Samples any light source from a surface that receives light from both sides.
     two_sided: OtherLights
 
-    @property
-    def follows_shape(self) -> mi.Bool | bool:
-        """Whether :meth:`reparameterised` needs a point on the source (:attr:`.OtherLights.follows_shape`)."""
-        return self._by_strategy(True, lambda strategy, *_: strategy.follows_shape)
-
     def sample(self, receiver: Receiver, sample: mi.Point2f, active: mi.Bool) -> LightSample:
         """Returns ``(ds, weight)``, a sample by a point in [0, 1)² (:meth:`.OtherLights.sample`)."""
         return self._by_side(receiver, active, lambda way, k, mine: way.sample(k, self.emitter, receiver, sample, mine))
@@ -56,7 +51,7 @@ class Lamp:
         return self._by_side(receiver, active, lambda strategy, k, mine: strategy.pdf(k, receiver, ds, mine))
 
     def reparameterised(
-        self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f | None, active: mi.Bool
+        self, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)`` of a direction that moves with the lamp (:meth:`.OtherLights.reparameterised`)."""
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))

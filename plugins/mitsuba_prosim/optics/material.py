@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
 from ..parameters import choice, constant_values, describe, expose, for_message, reject
-from .facets import DISTRIBUTIONS, GRAZING, Distribution
+from . import grooves
+from .facets import DISTRIBUTIONS, GRAZING, Distribution, sample_visible, torrance_sparrow
 
 #: Weight of a sample, without the cosine, below which the sample is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
@@ -92,6 +94,28 @@ class Material(mi.BSDF):
         peaks, for directions ``si.wi`` and ``wo`` on the front side.
         """
         raise NotImplementedError
+
+    def sample_facets(
+        self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
+    ) -> mi.Vector3f:
+        """Returns a direction in which the facets of a rough surface reflect light from ``si.wi``."""
+        width = self.roughness.eval_1(si, active)
+        m = sample_visible(si.wi, sample2, self.distribution, width)
+        if self.multiple_scattering:
+            return grooves.leave(si.wi, m, sample1, self.distribution, width)
+        return mi.reflect(si.wi, m)
+
+    def eval_facets(
+        self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, reflected: Callable[[mi.Float], Any], active: mi.Bool
+    ) -> Evaluated:
+        """Returns the value of the facets of a rough surface times the cosine of ``wo``, and the density of
+        :meth:`sample_facets`; ``reflected`` is the reflectance of a facet, a function of the cosine to it.
+        """
+        width = self.roughness.eval_1(si, active)
+        if self.multiple_scattering:
+            return grooves.reflect((si.wi, wo), self.distribution, width, reflected, active)
+        i_m, value, pdf = torrance_sparrow(si.wi, wo, self.distribution, width)
+        return reflected(i_m) * value, pdf
 
     def sample(
         self,

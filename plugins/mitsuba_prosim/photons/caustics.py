@@ -5,8 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, DIFFUSE, MASK, TWO_SIDED, shapes_in_order
-from ..optics.nested import all_bsdfs, all_within
+from ..compat import shapes_in_order
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..transport import lobes
@@ -24,11 +23,6 @@ MAPS = 64
 #: Maximum number of photons in the cache for later work items. A photon takes 40 bytes, or 48 on a glossy surface. The
 #: cache always holds two photon passes.
 CAPACITY = 1 << 22
-
-#: Class names of BSDFs whose diffuse lobe is Lambert's (plugins of this package and of Mitsuba); and class names of
-#: BSDFs that contain others and do not change the diffuse lobe.
-LAMBERTIAN = ("Lambertian", "Phong", "Composite", *DIFFUSE)
-AROUND = (TWO_SIDED, MASK, BLEND)
 
 
 class Caustics:
@@ -51,7 +45,7 @@ class Caustics:
         #: The MIS of photons and rays at glossy surfaces; None where only diffuse surfaces gather photons.
         self.mis = mis if mis.needed else None
         self.tracer = PhotonTracer(scene, limit, tree, self.mis)
-        self.gathering = Gathering(scene)
+        self.scattering = Scattering(scene)
         #: Arguments of :meth:`use_pass` -> photon pass: its photons on diffuse surfaces, and those on glossy surfaces
         #: if these gather photons. The oldest pass is first.
         self._passes: dict[tuple[int, int, int], tuple[Photons, Photons | None]] = {}
@@ -94,7 +88,7 @@ class Caustics:
         assert self._current is not None, "no photons have been emitted"
         diffuse, glossy = self._current
         number = t % dr.opaque(mi.UInt32, diffuse.maps)
-        L = L + self.gathering(diffuse, number, vertex)
+        L = L + diffuse_radiance(self.scattering, diffuse, number, vertex)
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
     def per_pair(self, n: int) -> int:
@@ -125,41 +119,15 @@ class Caustics:
         return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
 
 
-class Gathering:
-    """Computes the radiance that diffuse lobes in ``scene`` reflect from photons."""
+def diffuse_radiance(scattering: Scattering, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
+    """Returns the radiance that the diffuse lobes at ``vertex``, or all lobes of an inseparable BSDF, reflect from the
+    photons of the map ``number``.
+    """
 
-    def __init__(self, scene: mi.Scene) -> None:
-        self.scattering = Scattering(scene)
-        #: Whether all diffuse lobes are Lambert's.
-        self.lambertian = not self.scattering.any_inseparable and all(map(is_lambertian, all_bsdfs(scene)))
+    def value(_: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
+        wo = vertex.si.to_local(d)
+        f = scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, in_reach)
+        return f / dr.maximum(dr.abs(wo.z), MIN_COSINE)
 
-    def __call__(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
-        """Returns the radiance that the diffuse lobes at ``vertex``, or all lobes of an inseparable BSDF, reflect from
-        the photons of the map ``number``.
-        """
-        si, bsdf, inseparable = vertex.si, vertex.bsdf, vertex.inseparable
-        active = vertex.active & (lobes.has_any(bsdf.flags(), *lobes.DIFFUSE) | inseparable)
-
-        def value(i: mi.UInt32, d: mi.Vector3f, in_reach: mi.Bool) -> mi.Spectrum:
-            """The BSDF value without the cosine; if all are Lambertian, 1 for a photon from the viewer's side."""
-            if self.lambertian:
-                return dr.select(dr.dot(si.sh_frame.n, d) * si.wi.z > 0, mi.Float(1), 0)
-            wo = si.to_local(d)
-            f = self.scattering.eval(lobes.only(lobes.DIFFUSE), vertex, wo, in_reach)
-            return f / dr.maximum(dr.abs(wo.z), MIN_COSINE)
-
-        L = gather(photons, number, si, value, active)
-        if self.lambertian:  # a constant BSDF is evaluated once, after the sum over photons
-            lit = active & (dr.max(L) > 0)
-            L *= bsdf.eval(lobes.only(lobes.DIFFUSE), si, mi.Vector3f(0, 0, dr.sign(si.wi.z)), lit)
-        return L
-
-
-def is_lambertian(bsdf: mi.BSDF) -> bool:
-    """Tells whether all diffuse lobes of ``bsdf`` reflect equally in every direction, as far as is known."""
-    return all(
-        one.class_name() in AROUND
-        or {one.class_name(), type(one).__name__} & set(LAMBERTIAN)
-        or not lobes.has_any(int(one.flags()), *lobes.DIFFUSE)
-        for one in all_within(bsdf)
-    )
+    active = vertex.active & (lobes.has_any(vertex.bsdf.flags(), *lobes.DIFFUSE) | vertex.inseparable)
+    return gather(photons, number, vertex.si, value, active)

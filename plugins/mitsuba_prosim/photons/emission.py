@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order, eval_direction
-from ..light.emitter_methods import EmitterMethods, name_of, point_sampler
+from ..light.emitter_methods import EmitterMethods, has_points, name_of
 from ..sampling import sobol
 from ..sampling.hash import combine
 from . import targets as aim
@@ -75,12 +75,12 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
 
 def can_be_aimed(emitter: mi.Emitter) -> bool:
     """Tells whether photons of ``emitter`` can be aimed at a target: it is a point, infinitely far away, or a surface
-    that emits in many directions (not ``directionalarea``, flag DeltaDirection) and has a :func:`.point_sampler`.
+    that emits in many directions (not ``directionalarea``, flag DeltaDirection) and :func:`.has_points`.
     """
     flags, names = emitter.flags(), mi.EmitterFlags
     emits_from_points = mi.has_flag(flags, names.Surface) and not mi.has_flag(flags, names.DeltaDirection)
     if emits_from_points:
-        return point_sampler(emitter) != ""
+        return has_points(emitter)
     return mi.has_flag(flags, names.DeltaPosition) or mi.has_flag(flags, names.Infinite)
 
 
@@ -171,7 +171,7 @@ class Sources:
         if mi.has_flag(self.flags, mi.EmitterFlags.Surface):
             cos = dr.dot(ds.n, d)
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Surface) & (cos > 0)
-            density = self.methods.pdf_position(ds.emitter, it, ds, lit) * self.targets.density(ds.p, d, False, lit)
+            density = self.methods.pdf_position(ds.emitter, ds, lit) * self.targets.density(ds.p, d, False, lit)
             result = dr.select(lit, density / dr.select(lit, cos, 1), result)
         if mi.has_flag(self.flags, mi.EmitterFlags.Infinite):
             lit = active & mi.has_flag(flags, mi.EmitterFlags.Infinite)

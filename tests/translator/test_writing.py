@@ -186,7 +186,7 @@ def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     loaded = prosim_scene.load(scene, tolerance=1)
     (folder,) = tmp_path.glob("prosim-scene-*")
-    kept = {"type": "scene", "mine": dict(copy.deepcopy(loaded)["surface_1"])}
+    kept = {"type": "scene", "mine": copy.deepcopy(loaded["surface_1"])}
     del loaded
     gc.collect()
     assert Path(kept["mine"]["filename"]).is_file()

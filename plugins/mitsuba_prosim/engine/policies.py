@@ -190,7 +190,7 @@ def mean_around(plane: np.ndarray, reach: int) -> np.ndarray:
     number = np.outer(rows, columns) - 1
     # The pixel's own row is added without the pixel; the other rows are added whole.
     in_row = summed(plane, 1)
-    return np.where(number > 0, (in_row + summed(in_row + plane, 0)) / number, np.float32(np.inf))
+    return np.where(number > 0, (in_row + summed(in_row + plane, 0)) / np.maximum(number, 1), np.float32(np.inf))
 
 
 #: Allowed values of the integrator's parameter ``adaptive`` -> policy; the default is first.

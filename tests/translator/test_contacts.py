@@ -52,6 +52,8 @@ INSIDE = {
     "stump in a stump": ["CONE radius .4 ROTATE-Z (13) SCALE (.9 .9 .771) TRANSLATE (0 0 .1)", "CONE radius .29"],
     "stump in a cone": ["CONE radius .4 ROTATE-Z (13) SCALE (.9 .9 .54) TRANSLATE (0 0 .36001)", "CONE"],
     "three cones": [f"CONE SCALE ({2 - i / 5} {1 - i / 10} {2 - i / 5}) TRANSLATE (0 0 {i / 1e4})" for i in (2, 1, 0)],
+    "ball in a ring": ["SPHERE SCALE (.4 .4 .4) TRANSLATE (.6 .8 0)", "TORUS radius .4"],
+    "lens in a ring": ["SPHERE SCALE (.4 .01 .4) TRANSLATE (1 0 0)", "TORUS radius .4 SCALE (1 1 1.3)"],
     "ring in a ball": ["TORUS SCALE (.8 .8 .8)", "SPHERE"],
     "ring in a tube": ["TORUS SCALE (.8 .8 .8)", TUBE],
     "coating of a tube": [

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .grouping import group_equal, sweep
-from .primitives import Primitive, primitive_of
+from .primitives import Primitive, Torus, primitive_of
 from .solids import Solid, world_box_corners
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
@@ -70,13 +70,13 @@ def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns contacts of curved faces: a ball or a torus in a convex one, or a cylinder or a cone in a parallel one.
-    Others are rims, where a gap would look like a wall.
+    """Returns contacts of curved faces: a ball or a torus in a convex one, a ball in a torus, or a cylinder or a cone
+    in a parallel one. Others are rims, where a gap would look like a wall.
     """
     first = first_on_surface(solids)
     order = _order(solids)[first]
     found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
-    for inner, outer, reach, loss in chain(_enclosed(solids, order), _cones_in_cones(solids)):
+    for inner, outer, reach, loss in chain(_enclosed(solids, order), _cones_in_cones(solids), _balls_in_tori(solids)):
         near = 1 - NEAR * np.array([1 - solids[j].inradius for j in outer])
         touches = (reach > near) & (reach <= 1 + INSIDE) & (first[inner] != first[outer])
         found.append([column[touches] for column in (first[inner], first[outer], reach, loss)])
@@ -155,6 +155,30 @@ def _cones_in_cones(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]
         near = parallel & (np.maximum(reach, other) <= 1 + INSIDE) & (reach + other < 2)
         for end, end_loss in found:
             yield cones[i[near]], cones[j[near]], end[near], end_loss[near]
+
+
+def _balls_in_tori(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yields items as :func:`_enclosed` does: pairs of a ball and a torus. A ball is in the tube if it is in a ball as
+    wide as the tube, whose centre is the nearest point of the tube's centre line.
+    """
+    radii = {i: s.primitive.radius for i, s in enumerate(solids) if isinstance(s.primitive, Torus)}
+    chosen = np.array([i for i, s in enumerate(solids) if radii and (i in radii or s.primitive.name == "sphere")], int)
+    of_chosen, sphere = [solids[i] for i in chosen.tolist()], primitive_of("sphere")
+    boxes, to_world = world_box_corners(of_chosen), np.array([s.to_world for s in of_chosen]).reshape(-1, 4, 4)
+    radius = np.array([radii.get(i, 0.0) for i in chosen.tolist()])
+    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
+        i, j = np.stack([i, j])[:, (radius[i] == 0) & (radius[j] > 0)]
+        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+        distance = np.linalg.norm(relative[:, :2, 3], axis=1, keepdims=True)
+        relative[:, :2, 3] *= 1 - 1 / np.maximum(distance, 1e-300)
+        relative /= radius[j, None, None]
+        hull = np.tile([0.0, 1.0], (len(relative), 1))
+        heights, normals = _highest(sphere, relative, hull)
+        within = heights <= INSIDE
+        reach, loss = _reach(sphere, relative[within], hull[within], normals[within])
+        part = (radius / (1 + radius))[j[within]]  # the tube's part of the size of the torus
+        yield chosen[i[within]], chosen[j[within]], 1 - (1 - reach) * part, loss * part
 
 
 def _highest(primitive: Primitive, relative: np.ndarray, hulls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

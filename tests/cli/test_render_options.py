@@ -149,6 +149,7 @@ def test_progress_is_shown_from_the_beginning(scene, monkeypatch):
     [
         *[(name, "mug", "does not exist. Did you mean mug.scn?\n") for name in ("render", "compare", "watch", "mix")],
         ("render", "scense/jug.scn", "File 'scense/jug.scn' does not exist.\n"),
+        ("render", "folder.xml", "File 'folder.xml' is a directory.\n"),
         *[(name, "mug.exr", "is an image; prosim mix") for name in ("render", "translate", "format", "resume")],
         *[(name, "image", "this is not a text in UTF-8") for name in ("render", "translate")],
         *[(name, "text", "is no checkpoint; give a file by") for name in ("resume", "merge")],
@@ -165,6 +166,7 @@ def test_progress_is_shown_from_the_beginning(scene, monkeypatch):
 def test_wrong_files_are_refused(tmp_path, monkeypatch, command, path, says):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.xml")
+    Path("folder.xml").mkdir()
     for name in "mug.scn", "mug.npz", "text":
         Path(name).write_text("SCENE")
     for name in "mug.exr", "image":
@@ -320,7 +322,7 @@ def ball(plugin, parameter):
     "text, says",
     [
         ("<scene version='3.0.0'><wrong/></scene>", "wrong"),
-        ("<scene version='3.0.0'/>", "No sensor specified"),
+        ("<scene version='3.0.0'/>", "No sensor specified for scene; add the element <sensor>, which is the camera.\n"),
         (XML.replace("$radiance", "$missing"), "missing"),
         (XML.replace("path", "prosim_missing"), "not found"),
         (XML.replace('type="nrook">', 'type="nrook"><string name="jitter" value="much"/>'), "multi"),

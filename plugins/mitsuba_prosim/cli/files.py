@@ -40,7 +40,7 @@ class InputFile(click.Path):
         try:
             super().convert(value, param, ctx)
         except click.BadParameter as error:
-            files = os.listdir(path.parent) if path.parent.is_dir() else []
+            files = os.listdir(path.parent) if path.parent.is_dir() and not path.exists() else []
             near = [f" Did you mean {path.with_name(name)}?" for name in difflib.get_close_matches(path.name, files, 1)]
             self.fail("".join([error.message, *near]), param, ctx)
         suffix = path.suffix.lower()

@@ -97,8 +97,14 @@ class SceneFile:
             self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
+            self._unread: list[str] = []  # what :meth:`_spectrum_files` cannot read
             self._spectra = {*self._spectrum_files(self.xml, self._folders, dict(definitions or {}))}
             self.state = parse(self.xml, definitions or {})
+            for place in self._unread:
+                words = (
+                    f"{place}; Mitsuba accepts this, but its spectrum files are neither watched nor sent to a cluster"
+                )
+                warnings.warn(prosim_scene.SceneWarning(words), stacklevel=2)
             self._resolver = mi.file_resolver()
             if confinement:
                 confinement.check_state(self.state)
@@ -154,8 +160,7 @@ class SceneFile:
                 f"At {text} {error}; Mitsuba's parser would lack memory, so make them flatter"
             ) from None
         except ValueError as error:
-            words = f"At {text} {error}; Mitsuba accepts this, but its spectrum files are neither watched nor sent"
-            warnings.warn(prosim_scene.SceneWarning(f"{words} to a cluster"), stacklevel=2)
+            self._unread.append(f"At {text} {error}")
             return
         for tag, attributes, _, _ in found:
             for key in sorted(values, key=len, reverse=True):  # $key may be the beginning of a longer name
@@ -271,7 +276,7 @@ def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
         raise TypeError("Root element of the input file must be a <scene> tag!")
     sensors = scene.sensors()
     if not sensors:
-        raise ValueError(f"No sensor specified for scene: {scene}")
+        raise ValueError("No sensor specified for scene; add the element <sensor>, which is the camera.")
     if not 0 <= index < len(sensors):
         raise ValueError(f"Specified sensor index is out of bounds! The scene has sensors 0 to {len(sensors) - 1}.")
     return sensors[index]

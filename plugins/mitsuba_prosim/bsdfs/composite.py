@@ -106,15 +106,15 @@ class Composite(Pigmented):
     """
 
     PARAMETERS = ("diffuse_reflectance", "specular_reflectance", "eta", "int_ior", "ext_ior")
+    is_limited = True
     #: The relative index if it is a number; otherwise the texture of the index inside, and the index outside.
     eta: Any = None
     int_ior: Any = None
     ext_ior: Any = None
 
     def __init__(self, props: mi.Properties) -> None:
-        conserves = known_to_conserve(props)  # before the parameters become textures
+        check_sum(props)  # before the parameters become textures
         super().__init__(props)
-        self.is_limited = not conserves
         self.specular_reflectance = reflectance(props, "specular_reflectance")
         self.ambient = self.ambient or self.diffuse_reflectance
         outside = index(props, "ext_ior", "air")
@@ -135,10 +135,7 @@ class Composite(Pigmented):
     def specular_weight(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.specular_factor(si, active) * self.reflected(si, active)(si.wi.z)
 
-    def specular_sample(
-        self, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
-    ) -> mi.Vector3f:
-        return self.sample_facets(si, sample1, sample2, active)
+    specular_sample = Pigmented.sample_facets
 
     def specular_eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
@@ -147,23 +144,15 @@ class Composite(Pigmented):
         return self.specular_factor(si, active) * value, pdf
 
 
-def known_to_conserve(props: mi.Properties) -> bool:
-    """Tells whether the diffuse and specular reflectances are known to add up to at most 1 at every point and
-    wavelength (thesis, section 3.1.1: s + d = 1): numbers, and, except in spectral variants, colours.
-
-    It is true if the specular reflectance is absent, because the default is 1 minus the diffuse reflectance. Raises
-    ValueError if constant reflectances add up to more than 1.
+def check_sum(props: mi.Properties) -> None:
+    """Raises ValueError if the diffuse and the specular reflectance, numbers or colours, add up to more than 1 (thesis,
+    section 3.1.1: s + d = 1). The sum of textures and spectra is unknown.
     """
     names = "diffuse_reflectance", "specular_reflectance"
-    if names[1] not in props:
-        return True
     kd, ks = constant_values(props, names[0]) if names[0] in props else [0.5], constant_values(props, names[1])
-    # The sum of textures or spectra is unknown here.
     if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
-        return False
-    channels = max(len(kd), len(ks))
-    sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(channels)]
+        return
+    sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(max(len(kd), len(ks)))]
     if max(sums) > 1 + 1e-6:
         note = "" if names[0] in props else f" ({names[0]} is 0.5 if not given)"
         raise reject(props, " + ".join(names), for_message(sums), f"a sum <= 1{note}, or energy would be created")
-    return channels == 1 or not mi.is_spectral

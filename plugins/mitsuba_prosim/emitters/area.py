@@ -110,6 +110,15 @@ class Area(Source):
         super().__init__(props, "radiance", "that of the shape")
         varies = self.emission.is_spatially_varying()
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
+        self._has_points: bool | None = None
+
+    def can_be_sampled(self) -> bool:
+        """Tells whether the emitter has a shape, and :func:`.has_points`; it does not examine the shape in each trace,
+        where a garbage collection would be fatal (:mod:`..alone`).
+        """
+        if self._has_points is None and self.get_shape() is not None:
+            self._has_points = has_points(self)
+        return bool(self._has_points)
 
     def emitted(
         self, si: mi.SurfaceInteraction3f, d: mi.Vector3f, receiver: mi.Point3f, active: mi.Bool
@@ -142,7 +151,7 @@ class Area(Source):
         radiance / ``ds.pdf``, per solid angle. Both are 0 if the point faces away, or nothing can sample it.
         """
         # Dr.Jit traces every emitter that exists, also an emitter without a shape.
-        if not has_points(self):
+        if not self.can_be_sampled():
             return no_sample(mi.DirectionSample3f), mi.Spectrum(0)
         varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
         ds = sample_shape(self.get_shape(), it, sample, active, varies)
@@ -153,7 +162,7 @@ class Area(Source):
         return ds, self.eval_direction(it, ds, active) / dr.select(active, ds.pdf, 1)
 
     def pdf_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Float:
-        if not has_points(self):
+        if not self.can_be_sampled():
             return mi.Float(0)
         active = active & (dr.dot(ds.d, ds.n) < 0)
         return dr.select(active, self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active)), mi.Float(0))
@@ -176,7 +185,7 @@ class Area(Source):
         self, time: mi.Float, sample: mi.Point2f, active: mi.Bool = True
     ) -> tuple[mi.PositionSample3f, mi.Float]:
         """Samples a point; returns it, and 1 divided by its density per area, or 0 if nothing can sample the points."""
-        if not has_points(self):
+        if not self.can_be_sampled():
             return no_sample(mi.PositionSample3f), mi.Float(0)
         ps = sample_point(self.get_shape(), time, sample, active)
         return ps, dr.select(active & (ps.pdf > 0), 1 / dr.maximum(ps.pdf, 1e-30), mi.Float(0))
@@ -198,7 +207,7 @@ class Area(Source):
         else:  # the beam may be much narrower than the hemisphere
             d, total = self.sample_beam(sample3)
             weight *= total * dr.maximum(dr.dot(d, ps.n), 0)
-        si.wavelengths, spectrum = self.sample_spectrum(si, sample1, active)
+        si.wavelengths, spectrum = super().sample_wavelengths(si, sample1, active)
         return si.spawn_ray(d), mi.depolarizer(spectrum * weight)
 
     def sample_wavelengths(
@@ -208,7 +217,7 @@ class Area(Source):
         Raises RuntimeError as :meth:`sample_ray`.
         """
         self._require_rays()
-        wavelengths, weight = self.sample_spectrum(si, sample, active)
+        wavelengths, weight = super().sample_wavelengths(si, sample, active)
         # Only the particle tracer calls this; its si.wi is the direction to the camera, in world coordinates.
         return wavelengths, weight * self.relative_intensity(si.wi)
 
@@ -216,7 +225,7 @@ class Area(Source):
         """Raises RuntimeError if the source is ``unattenuated``, or if nothing can sample its points."""
         if self.unattenuated:
             raise RuntimeError(f"{self.id()} (prosim_area): with unattenuated, rays have no power; leave it out.")
-        if self.get_shape() is not None and not has_points(self):
+        if self.get_shape() is not None and not self.can_be_sampled():
             raise RuntimeError(
                 f"{self.id()} (prosim_area): Mitsuba cannot sample the points of this shape or texture (curves, "
                 "ellipsoids, sdfgrid, mesh_attribute), so the source has no rays. Use another shape or texture."

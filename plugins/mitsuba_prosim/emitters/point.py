@@ -156,11 +156,6 @@ class Point(Source):
         ps.delta = mi.Bool(True)
         return ps, mi.Float(1)
 
-    def sample_wavelengths(
-        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
-    ) -> tuple[mi.Color0f, mi.Spectrum]:
-        return self.sample_spectrum(si, sample, active)
-
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
         return mi.Spectrum(0)
 

@@ -88,8 +88,8 @@ class Source(mi.Emitter):
         dr.make_opaque(self.position, self.direction, self.angle, self.exponent)
         super().parameters_changed(keys)
 
-    def sample_spectrum(
-        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+    def sample_wavelengths(
+        self, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool = True
     ) -> tuple[mi.Color0f, mi.UnpolarizedSpectrum]:
         """Samples stratified wavelengths; returns ``(wavelengths, weight)``, where ``weight`` is the emitted spectrum
         divided by their density.

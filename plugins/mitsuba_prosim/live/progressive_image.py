@@ -19,8 +19,6 @@ from ..scene.throttle import Throttle
 from ..transport.scattering import disperses
 from .picture import Picture, colours, fill_unknown, layers_of_render
 
-#: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
-SECONDS = 0.4
 #: Maximum number of pixels of the coarse image, which is shown first.
 COARSE = 1 << 14
 
@@ -40,6 +38,8 @@ class ProgressiveImage:
             spp = spp or rendering.samples_taken(integrator, sensor, sensor.sampler().sample_count(), 1 + denoise)
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.denoise, self.done = denoise, False
+        #: Computes the work items, see :class:`.Render`.
+        self.executor = Executor()
         #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.
         self.new = self.complete = False
         #: Progress, 0 to 1, which decreases if the render now expects more work.
@@ -69,7 +69,7 @@ class ProgressiveImage:
         return self.new and (step.complete or self.throttle.due)
 
     def _run(self) -> Iterator[Step]:
-        what, executor = (self.scene, self.sensor, self.integrator, self.seed, self.spp), Executor(SECONDS)
+        what, executor = (self.scene, self.sensor, self.integrator, self.seed, self.spp), self.executor
         final = self.final = denoised_progressive(*what, executor=executor) if self.denoise else None
         self.render = rendering.progressive(*what, executor=executor) if final is None else final.render
         for step in self.render:

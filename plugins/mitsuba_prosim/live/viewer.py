@@ -30,6 +30,8 @@ from .progressive_image import ProgressiveImage
 from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
 
+#: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
+SECONDS = 0.4
 #: The advice in the message about a black picture; {} is the exposure.
 ON_THE_PAGE = "Exposure {} makes it bright here"
 
@@ -199,7 +201,7 @@ class Viewer:
         self._reached, self._seconds = None, 0.0
         integrator = scene.scene.integrator()
         image = ProgressiveImage(integrator, scene.scene, scene.sensor, self._spp, self._seed, self._denoise)
-        self._image = image
+        self._image, image.executor.seconds = image, SECONDS
         self._publish(image, error=None, black=None, view=scene.view_text(self.camera))
         image.begin_coarse()
         self._draw(image)

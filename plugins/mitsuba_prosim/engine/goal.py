@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,19 +26,6 @@ class Pass(NamedTuple):
     expected: float = 0.0
 
 
-class Goal(Protocol):
-    """Decides which samples an image takes next, and when it has enough of them."""
-
-    #: The limits of error and time.
-    target: ErrorTarget
-
-    def next(self, image: Image) -> Pass | None:
-        """Returns the next pass over ``image``; None if the image has enough samples, or if the time is up."""
-
-    def measure(self, image: Image) -> bool:
-        """Takes note that a pass is complete; returns whether the image and its error may now be shown."""
-
-
 class Measurement(NamedTuple):
     """The error of an image, and what follows from it."""
 
@@ -56,7 +43,12 @@ Measure: TypeAlias = Callable[[Image, SecondImage, ErrorTarget], Measurement]
 
 
 class PolicyGoal:
-    """Ends a render after the decisions of the adaptive-sampling policy, the number of which is fixed."""
+    """Ends a render after the decisions of the adaptive-sampling policy, the number of which is fixed.
+
+    A goal decides which samples an image takes next: ``next`` returns the next pass, or None if the image has enough
+    samples or if the time is up. ``measure`` takes note that a pass is complete, and returns whether the image and its
+    error may now be shown.
+    """
 
     #: Number of samples of an image up to which the samples before the first decision are one pass.
     LONG = 1 << 22
@@ -193,7 +185,7 @@ class ErrorGoal:
 class HalvesGoal:
     """Ends a render with two complete images for the denoiser, unless the image has reached an error target before."""
 
-    def __init__(self, goal: Goal) -> None:
+    def __init__(self, goal: PolicyGoal | ErrorGoal) -> None:
         self.target, self._goal = goal.target, goal
         self._last: Iterator[Pass] | None = None
 
@@ -222,6 +214,10 @@ class HalvesGoal:
     def measure(self, image: Image) -> bool:
         """Measures the error by the inner goal."""
         return self._last is not None or self._goal.measure(image)
+
+
+#: Decides which samples an image takes next, and when it has enough of them.
+Goal: TypeAlias = "PolicyGoal | ErrorGoal | HalvesGoal"
 
 
 def second_pass(image: Image, second: SecondImage, most: int = UNLIMITED) -> Pass:

@@ -66,10 +66,6 @@ class Image(PixelSet):
         """Begins a pass to ``wanted`` samples a pixel; ``rounds`` numbers its decision, by default the next."""
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
 
-    def end_pass(self) -> None:
-        """Ends a pass over the image."""
-        self.wanted = None
-
     def begin_second(self, complete: bool) -> SecondImage:
         """Begins or continues a second image, and returns it; the samples for other pixels are discarded."""
         if self.second is not None and self.second.complete:
@@ -150,15 +146,14 @@ class Image(PixelSet):
         # The first image is developed last, because the film must hold it at the end. So the list is reversed.
         return [np.array(self.developed(is_second)) for is_second in ((True, False) if both else (False,))][::-1]
 
-    def crop(self, values: mi.Float | mi.UInt32 | np.ndarray, rectangle: Rectangle) -> np.ndarray:
-        """Returns the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
+    def crop(self, values: np.ndarray, rectangle: Rectangle) -> np.ndarray:
+        """Returns a view of the entries of ``values`` for the pixels of ``rectangle``, shape (height, width).
 
         ``values`` has one entry for each pixel of the rectangle :attr:`outer`, row by row; ``rectangle`` must lie in
-        :attr:`outer`. If ``values`` is a NumPy array, the result is a view of ``values``, not a copy.
+        :attr:`outer`.
         """
         left, top, right, bottom = self.outer
-        plane = values if isinstance(values, np.ndarray) else np.array(values)
-        plane = plane.reshape(bottom - top, right - left)
+        plane = values.reshape(bottom - top, right - left)
         return plane[rectangle[1] - top : rectangle[3] - top, rectangle[0] - left : rectangle[2] - left]
 
     @property

@@ -124,7 +124,7 @@ class Render(Steps):
                 yield from self._take(request)
                 complete = self._complete
                 if complete:
-                    image.end_pass()
+                    image.wanted = None
                 elif image.rounds == 0 and np.any(image.count):
                     # In the first pass, pixels without samples get one sample, so that no pixel is missing.
                     yield from self._take(Pass(image.plan, image.one))

@@ -47,9 +47,6 @@ class Steps(Iterator[Step]):
     def __init__(self, steps: Generator[Step, None, None]) -> None:
         self._steps = steps
 
-    def __iter__(self) -> Iterator[Step]:
-        return self._steps
-
     def __next__(self) -> Step:
         return next(self._steps)
 

@@ -100,6 +100,20 @@ def test_lamps_light_in_a_frozen_function(variant_rgb, shape):
     assert (found, doubled, double) == pytest.approx((expected, 2 * expected, 2 * expected), rel=0.02)
 
 
+@pytest.mark.parametrize("glass", [{"int_ior": 1.5}, {"int_ior": 1.5, "int_abbe": 30.0}, {"alpha": 0.2}])
+def test_glass_is_found_by_a_frozen_function(variant_rgb, glass):
+    """Also its index, which is changed later."""
+    scene, path = mi.load_dict(penumbra({"type": "prosim_dielectric", **glass}, 8)), mi.load_dict({"type": "path"})
+    frozen = dr.freeze(lambda scene, seed: mi.render(scene, integrator=path, seed=seed, spp=4))
+    index = mi.traverse(scene)
+    for _ in range(3):
+        expected = np.array(mi.render(scene, integrator=path, seed=1, spp=4))
+        assert np.allclose(frozen(scene, mi.UInt32(1)), expected, atol=1e-6)
+        for name in {"ball.bsdf.eta", "ball.bsdf.int_A"} & {*index.keys()}:
+            index[name] *= 1.1
+        index.update()
+
+
 # ---- The order of lamps and of what is specular: Mitsuba gives meshes another one whenever it loads a scene
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -50,12 +51,15 @@ MATERIALS: dict[str, tuple[tuple[float, float], ...]] = {
 }
 
 
+@dataclass(init=False, eq=False)  # so that dr.freeze finds the numbers
 class Dispersion:
     """The index of refraction of a material as a function of the wavelength λ in µm: n = A + B/λ² by Cauchy, or
     n² = 1 + Σ B λ²/(λ² - C) by Sellmeier.
 
     ``coefficients`` maps the names of the coefficients, A and B, or B1, C1, B2, C2 and so on, to their values.
     """
+
+    coefficients: dict[str, mi.Float]
 
     def __init__(self, **coefficients: float) -> None:
         self.coefficients = {name: mi.Float(value) for name, value in coefficients.items()}
@@ -78,15 +82,20 @@ class Dispersion:
         return dr.sqrt(n2)
 
 
+@dataclass(init=False, eq=False)
 class Indices:
     """The indices of refraction inside and outside of an interface, each a number or a :class:`Dispersion`, read from
     the parameters of a plugin (:func:`read_index`): by default bk7 glass inside, air outside.
     """
 
+    inside: float | Dispersion
+    outside: float | Dispersion
+    #: The index inside divided by the index outside; None if an index depends on the wavelength.
+    eta: mi.Float | None
+
     def __init__(self, props: mi.Properties) -> None:
         self.inside, self.outside = read_index(props, "int", "bk7"), read_index(props, "ext", "air")
-        #: The index inside divided by the index outside; None if an index depends on the wavelength.
-        self.eta: mi.Float | None = None
+        self.eta = None
         if not isinstance(self.inside, Dispersion) and not isinstance(self.outside, Dispersion):
             self.eta = mi.Float(self.inside / self.outside)
             dr.make_opaque(self.eta)

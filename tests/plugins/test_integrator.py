@@ -30,8 +30,6 @@ from scenes import (
     without,
 )
 
-ROUGH_GLASS = {"type": "roughdielectric", "alpha": 0.1}
-
 
 def render(scene, seed=0, spp=0, **window):
     """The image of ``scene``; ``window``: sizes of the film."""

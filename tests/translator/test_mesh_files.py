@@ -76,6 +76,7 @@ KINDS = {
     "utf-16.obj": "\n".join(VERTICES + FACES).encode("utf-16"),
     "returns.obj": "\r".join(VERTICES + FACES).encode(),
     "tabs.obj": "\n".join([*VERTICES, *FACES]).replace(" ", "\t").encode(),
+    "no-break-spaces.obj": "\n".join([*VERTICES, *FACES]).replace(" ", " \xa0").encode(),
     "weights.obj": "\n".join([*(f"{v} 1.0" for v in VERTICES), *FACES]).encode(),
     "colours.obj": "\n".join([*(f"{v} .5 0 1" for v in VERTICES), *FACES]).encode(),
     "mark.ply": b"\xef\xbb\xbf" + ply("ascii"),

@@ -4,7 +4,7 @@
 # refuses OBJ whose uv are not as many as its points, and ends the process if a file is damaged.
 
 import re
-from itertools import chain, compress
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,12 @@ UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.
 STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
 POINT_ONLY = [True, False, False]  # of the three numbers of a corner
+#: What is not a decimal number in an OBJ file; and what is not a corner with numbers in these columns.
+NO_NUMBER = re.compile(r"(?<!\S)(?![-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?(?!\S))\S", re.ASCII | re.IGNORECASE)
+NO_CORNER = {
+    columns: re.compile(rf"(?<!\S)(?!{corner.replace('N', '-?[0-9]+')}(?!\S))\S", re.ASCII)
+    for columns, corner in {(0,): "N", (0, 1): "N/N", (0, 2): "N//N", (0, 1, 2): "N/N/N"}.items()
+}
 LEFT_OUT = 1 << 62  # stands for a number that is left out of a corner in an OBJ file, as in 1//3
 CONTRADICTION = "its content does not agree with its header"
 #: The names of the properties of a PLY element, and their types. A list has two types: of its length and of its items.
@@ -151,30 +157,56 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 def _obj(text: str) -> MeshData:
     text = re.sub("#[^\n]*", "", text.replace("\\\n", " "))
-    rows = [row for line in text.split("\n") if (row := line.split())]
-    points, uv, normals, polygons = ([row[1:] for row in rows if row[0] == word] for word in ("v", "vt", "vn", "f"))
-    for row in points:
+    points, uv, normals, polygons = (_obj_lines(text, word) for word in ("v", "vt", "vn", "f"))
+    for line in points:
+        row = line.split()
         # After x y z there may be a weight w, or a colour r g b, or both.
         if len(row) not in (3, 4, 6, 7):
             raise MeshError(f"a vertex has {len(row)} numbers; expected x y z")
         if len(row) in (4, 7) and float(row[3]) != 1:
             raise MeshError(f"a vertex has the weight {row[3]} after x y z; only 1 is supported")
-    corners, counts = [*chain.from_iterable(polygons)], np.array([*map(len, polygons)], int)
-    numbers = np.full((len(corners), 3), LEFT_OUT)
-    slashes = np.array([corner.count("/") for corner in corners])
-    for count in np.unique(slashes).tolist():
-        fields = "/".join(compress(corners, slashes == count)).split("/")
-        numbers[slashes == count, : count + 1] = np.array([n or LEFT_OUT for n in fields], int).reshape(-1, count + 1)
+    counts = np.array([len(line.split()) for line in polygons], int)
+    numbers = _obj_corners(" ".join(polygons), int(counts.sum()))
+    del polygons  # frees memory
     if (numbers < 0).any():  # numbers that are relative to the rows before the face
-        words = np.array([row[0] for row in rows])
+        words = np.array(re.findall(r"^[^\S\n]*(vt|vn|v|f)(?!\S)", text, re.MULTILINE))
         before = (words[:, None] == ["v", "vt", "vn"]).cumsum(axis=0)[words == "f"].repeat(counts, axis=0)
         numbers = np.where((numbers < 0) & (numbers >= -before), before + numbers + 1, numbers)
     for number in numbers[numbers <= 0][:1]:
         raise MeshError(f"a face has a corner {number}, which does not exist")
-    index = _fans(np.where(numbers == LEFT_OUT, 0, numbers) - 1, counts)
-    widths = zip((points, uv, normals), (3, 2, 3))
-    tables = [np.array([row[:n] for row in table] or np.empty((0, n)), float) for table, n in widths]
+    numbers[numbers == LEFT_OUT] = 0
+    index = _fans(numbers - 1, counts)
+    tables = [_obj_table(lines, width) for lines, width in ((points, 3), (uv, 2), (normals, 3))]
     return MeshData(tables[0], index, *tables[1:])
+
+
+def _obj_lines(text: str, word: str) -> list[str]:
+    """Returns what follows ``word`` in each line of an OBJ file that begins with this word."""
+    return re.findall(rf"^[^\S\n]*{word}(?!\S)(.*)", text, re.MULTILINE) if word in text else []
+
+
+def _obj_table(lines: list[str], width: int) -> np.ndarray:
+    """Returns the first ``width`` numbers of each line of an OBJ file."""
+    if all(len(line.split()) == width for line in lines) and not NO_NUMBER.search(text := " ".join(lines)):
+        return np.fromstring(text, sep=" ").reshape(len(lines), width)
+    values = [number for line in lines for number in line.split()[:width]]
+    return np.array(values, float).reshape(len(lines), width)
+
+
+def _obj_corners(text: str, count: int) -> np.ndarray:
+    """Returns the numbers (count, 3) of all corners in an OBJ file, or LEFT_OUT."""
+    numbers = np.full((count, 3), LEFT_OUT)
+    for columns, other in NO_CORNER.items():
+        if count and not other.search(text):
+            numbers[:, columns] = np.fromstring(text.replace("/", " "), int, sep=" ").reshape(count, len(columns))
+            return numbers
+    corners = text.split()
+    slashes = np.array([corner.count("/") for corner in corners])
+    for slash_count in np.unique(slashes).tolist():
+        fields = "/".join(compress(corners, slashes == slash_count)).split("/")
+        values = np.array([n or LEFT_OUT for n in fields], int).reshape(-1, slash_count + 1)
+        numbers[slashes == slash_count, : slash_count + 1] = values
+    return numbers
 
 
 def _stl(text: str) -> MeshData:

@@ -60,7 +60,7 @@ def faults():
         (scene(vase=ball(GLASS), **bulb(), **panel()), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS), **bulb(), **SKY), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1)), "light of bulb by way of vase"),
-        (scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)), "lamp smaller than a pixel"),
+        (scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)), "small lamp in mirrors or behind glass"),
         (scene(pane=pane({"type": "thindielectric"}), **bulb((0, 4, 0), 0.05, 900.0)), "light of bulb through pane"),
         (scene(pane=pane(FROSTED), **bulb((0, 4, 0), 0.1, 300.0)), "light of bulb by way of pane"),
         (scene(vase=ball(GLASS), **bulb((0, 1, 0)) | {"bulb": POINT}), "only through glass or a mask, such as vase"),

@@ -324,17 +324,23 @@ def test_the_second_image_shows_where_samples_are_needed(variant_rgb):
         ({"type": "roughdielectric", "alpha": 0.05}, {"type": "directional"}, True),
         ({"type": "roughdielectric", "alpha": 0.05}, {"type": "point"}, True),
         ({"type": "principled", "spec_trans": 1.0, "roughness": 0.2}, {"type": "spot"}, True),
+        ({"type": "roughdielectric", "alpha": 0.05}, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), True),
+        ({"type": "dielectric"}, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), True),
+        ({"type": "dielectric"}, sphere_lamp([0, 0, 5], 0.5, rgb(1, 1, 1)), False),
         ({"type": "roughdielectric", "alpha": 0.05}, {"type": "constant"}, False),
         ({"type": "roughdielectric", "alpha": 0.5}, {"type": "directional"}, False),
         ({"type": "dielectric"}, {"type": "directional"}, False),
         ({"type": "hair"}, {"type": "directional"}, False),
         (COPPER, {"type": "directional"}, False),
+        (COPPER, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), False),
     ],
 )
-def test_light_of_a_lamp_without_extent_behind_rough_glass_is_rare(variant_rgb, glass, lamp, uncertain):
-    ball = {"type": "sphere", "bsdf": glass}
-    scene = mi.load_dict({"type": "scene", "sensor": {"type": "perspective"}, "ball": ball, "lamp": lamp})
-    assert sees_tiny_lamp(scene, scene.sensors()[0]) == uncertain
+def test_light_of_a_small_lamp_behind_glass_is_rare(variant_rgb, glass, lamp, uncertain):
+    """If only rays that meet the lamp by chance find it."""
+    things = {"sensor": {"type": "perspective"}, "ball": {"type": "sphere", "bsdf": glass}, "lamp": lamp}
+    scene = mi.load_dict({"type": "scene"} | things)
+    assert sees_tiny_lamp(scene, scene.sensors()[0], by_chance=True) == uncertain
+    assert not sees_tiny_lamp(scene, scene.sensors()[0])
 
 
 def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):

@@ -99,7 +99,9 @@ class Render(Steps):
         self.goal = goal_of(self.state, self.target, measure)
         #: Whether :meth:`stop` was called; whether the last pass came to its end; the progress, 0 to 1.
         self._stopped, self._complete, self._done = False, True, 0.0
-        self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor)
+        tree = getattr(getattr(estimator.transport, "settings", None), "follows_tree", False)
+        by_chance = estimator.transport.caustics is None and not tree
+        self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor, by_chance)
         super().__init__(self._run())
 
     # ---------------------------------------------------------------- as an iterator

@@ -11,39 +11,42 @@ from ..optics.nested import all_flags, all_shapes
 from ..transport import lobes
 from .camera import is_perspective
 
-#: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2.
-NARROW = 30.0
+#: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2. Maximum
+#: size in radians of a lamp that few rays from a diffuse surface find through glass: about one of a thousand.
+NARROW, SMALL = 30.0, 0.06
 
 
-def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor) -> bool:
-    """Tells whether the perspective camera ``sensor`` may see a tiny lamp reflected or refracted by a surface.
+def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) -> bool:
+    """Tells whether rays may miss the light of a tiny lamp that a surface reflects or refracts.
 
     Camera rays may miss the reflected or refracted image of a tiny lamp, because this image is small. A lamp is tiny if
-    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the camera. Only
-    emitters with a shape count as lamps. The function only checks that some BSDF of the scene has a glossy or specular
-    lobe, not where in the scene this BSDF is. For sensors that are not Mitsuba's perspective camera, and without a
-    glossy or specular BSDF, the result is False.
+    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the perspective
+    camera ``sensor``. Only emitters with a shape count as lamps. The function only checks that some BSDF of the scene
+    has a glossy or specular lobe, not where in the scene this BSDF is.
 
-    A lamp without an extent is tiny in any view if the scene has glass with little roughness: only the few rays that
-    leave the glass in the direction of the lamp find its light.
+    ``by_chance``: whether only rays that meet a lamp by chance find its light behind glass, as in a path tracer. Then a
+    lamp is also tiny if the scene has glass, and the lamp's diagonal is less than :data:`SMALL`, seen from the camera;
+    and so is a lamp without an extent if the glass is a little rough. For sensors that are not Mitsuba's perspective
+    camera, the size of lamps is not known.
     """
-    if any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters()) and has_clear_glass(scene):
+    clear, rough = has_glass(scene) if by_chance else (False, False)
+    if rough and any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters()):
         return True
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
         return False
     pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
+    size = max(2 * pixel, SMALL * (clear or rough))
     eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())
     boxes = (emitter.get_shape().bbox() for emitter in scene.emitters() if emitter.get_shape() is not None)
-    return any(np.linalg.norm(box.extents()) < 2 * pixel * np.linalg.norm(box.center() - eye) for box in boxes)
+    return any(np.linalg.norm(box.extents()) < size * np.linalg.norm(box.center() - eye) for box in boxes)
 
 
-def has_clear_glass(scene: mi.Scene) -> bool:
-    """Tells whether the scene has glass that scatters light into a narrow, but not a single, direction."""
-    bsdfs = {bsdf for shape in all_shapes(scene) if (bsdf := shape.bsdf()) is not None}
+def has_glass(scene: mi.Scene) -> tuple[bool, bool]:
+    """Tells whether the scene has glass that refracts light into a single direction, and into a narrow cone."""
+    flags = {bsdf: int(bsdf.flags()) for shape in all_shapes(scene) if (bsdf := shape.bsdf()) is not None}
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
-    return any(
-        lobes.has_any(int(bsdf.flags()), "GlossyTransmission")
-        and bool(dr.any(dr.max(mi.unpolarized_spectrum(bsdf.eval(mi.BSDFContext(), si, -si.wi))) > NARROW))
-        for bsdf in bsdfs
-    )
+    glossy = [bsdf for bsdf, has in flags.items() if lobes.has_any(has, "GlossyTransmission")]
+    values = (bsdf.eval(mi.BSDFContext(), si, -si.wi) for bsdf in glossy)
+    narrow = any(bool(dr.any(dr.max(mi.unpolarized_spectrum(value)) > NARROW)) for value in values)
+    return any(lobes.has_any(has, "DeltaTransmission") for has in flags.values()), narrow

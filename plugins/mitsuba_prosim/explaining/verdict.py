@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..engine.error_target import UNCERTAIN
 from ..engine.policies import mean_around
 from ..engine.render import Render
 from ..engine.standard_error import in_display_units
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 
-TINY_LAMP = " or more, as glossy surfaces reflect or refract a lamp smaller than a pixel"
+TINY_LAMP = " or more, as rays may miss a small lamp in mirrors or behind glass"
 #: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
 #: 1) and this many times its limit, wherever it is.
 FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
@@ -93,11 +94,14 @@ def verdict(
 
 
 def is_doubtful(render: Render, most: float) -> bool:
-    """Tells whether the error of the image is uncertain, or above ``most`` and, if there is a limit, far above it."""
+    """Tells whether few pixels have most of the error of the image, or whether the error is above ``most`` and, if
+    there is a limit, far above it.
+    """
     if not limits(render):
         return not render.noise_bound() <= most
     noise = render.state.noise
-    return render.reached.uncertain or not (noise[0] <= most or render.target.excess(noise) <= MISSED)
+    concentrated = noise[2] > UNCERTAIN * noise[0]  # for a tiny lamp alone, the verdict has a reason
+    return concentrated or not (noise[0] <= most or render.target.excess(noise) <= MISSED)
 
 
 def cause(render: Render, integrator: Any, file: Any = None) -> str:

@@ -224,12 +224,13 @@ def _reach(
     return reach, (reach * height - middle) / top
 
 
-def adapt(solids: Sequence[Solid], contacts: Contacts) -> tuple[list[Solid], np.ndarray]:
+def adapt(solids: Sequence[Solid], contacts: Contacts, inradius: np.ndarray) -> tuple[list[Solid], np.ndarray]:
     """Returns the solids with ``scale`` changed so that the meshes of outer solids enclose those of inner solids; and,
     for each solid, the largest distance of its mesh from the curved face, relative to the radius of this face (n,).
+
+    ``inradius`` (n,) is that of the meshes where their solids have an effect on the CSG tree's result.
     """
-    first = first_on_surface(solids)
-    inradius, scale = np.array([s.inradius for s in solids]), np.ones(len(solids))
+    first, scale = first_on_surface(solids), np.ones(len(solids))
     for i, j, reach, loss in reversed(list(zip(*contacts))):
         shrunk = 1 - max(reach - scale[j] * inradius[j], 0) / loss
         scale[i] = max(min(scale[i], shrunk), SMALLEST)

@@ -135,7 +135,10 @@ def with_segments(
             f"the tree's {len(solids):,} primitives would have more than {MAX_TRIANGLES:,} triangles",
             "csg",
         )
-    chosen, distances = adapt(chosen, contacts)
+    inradius = np.array([s.inradius for s in chosen])
+    for i in set(contacts.outer.tolist()):
+        inradius[i] = _inradius(chosen[i], zones[i])
+    chosen, distances = adapt(chosen, contacts, inradius)
     doubtful = visible & (distances > reached / tolerance * ROUNDED * allowed)
     doubtful &= [s.segments == MAX_SEGMENTS or not s.facet_map[3, :3].any() for s in chosen]
     errors = {i: _largest_error(chosen[i], zones[i], camera) for i in np.flatnonzero(doubtful).tolist()}
@@ -179,6 +182,22 @@ def choose_segments(
                 "csg",
             )
         tolerance *= 1.5
+
+
+def _inradius(solid: Solid, zone: np.ndarray) -> float:
+    """Returns the inradius of the curved face's mesh, for radius 1, in the ball ``zone``: if facets are concentrated
+    near a cap, the mesh is much nearer to the face there than elsewhere.
+    """
+    if not solid.facet_map[3, :3].any():
+        return solid.inradius
+    mesh, own = solid.mesh(), solid.primitive.mesh(solid.segments, solid.facet_map)
+    corners = mesh.vertices[mesh.triangles]
+    middle = corners.mean(axis=1)
+    reach = zone[3] + np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+    a, b, c = (own.vertices[own.triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    heights = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
+    return float(heights[np.linalg.norm(middle - zone[:3], axis=1) < reach].min(initial=1))
 
 
 def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:

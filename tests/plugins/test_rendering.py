@@ -114,6 +114,21 @@ def test_glass_is_found_by_a_frozen_function(variant_rgb, glass):
         index.update()
 
 
+@pytest.mark.parametrize("name, spp", [("nrook", 0), ("nrook", 36), ("owen", 0), ("owen", 36)])
+def test_samplers_in_a_frozen_function(variant_rgb, name, spp):
+    scene, path = penumbra(size=8), mi.load_dict({"type": "path"})
+    scene["sensor"]["sampler"] = {"type": name, "sample_count": 25}
+    scene = mi.load_dict(scene)
+    frozen = dr.freeze(lambda scene, seed: mi.render(scene, integrator=path, seed=seed, spp=spp))
+    if name == "nrook" and spp:  # these permutations are new
+        with pytest.raises(RuntimeError) as error:
+            frozen(scene, mi.UInt32(0))
+        assert "give the sampler sample_count = 36" in "".join(traceback.format_exception(error.value))
+        mi.render(scene, integrator=path, spp=spp)
+    for seed in 1, 2:
+        assert np.array_equal(frozen(scene, mi.UInt32(seed)), mi.render(scene, integrator=path, seed=seed, spp=spp))
+
+
 # ---- The order of lamps and of what is specular: Mitsuba gives meshes another one whenever it loads a scene
 
 

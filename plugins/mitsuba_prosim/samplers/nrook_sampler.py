@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+
+import drjit as dr
 import mitsuba as mi
 
 from ..parameters import choice, describe
 from ..registry import plugin
 from ..sampling.nrook import JITTERS, NRook, Permutations, grid_size
 from ..sampling.sampler import PureSampler
+
+
+@functools.cache
+def permutations(n: int, variant: str) -> Permutations:
+    """Returns the permutations of n numbers for ``variant``. Raises RuntimeError for new ones while ``dr.freeze``
+    records a function: Dr.Jit would end the process.
+    """
+    if dr.flag(dr.JitFlag.FreezingScope):
+        raise RuntimeError(f"nrook: give the sampler sample_count = {n * n} before dr.freeze records a function.")
+    return Permutations(n)
 
 
 @plugin("sampler", "nrook")
@@ -61,7 +74,7 @@ class NRookSampler(PureSampler):
         super().set_sample_count(n * n)
         if n * n != spp:
             mi.Log(mi.LogLevel.Warn, f"nrook: sample count rounded up from {spp} to {n * n}.")
-        self.permutations = Permutations(n)
+        self.permutations = permutations(n, mi.variant())
 
     def fork(self) -> NRookSampler:
         """Returns a new sampler with the same parameters and permutations, which must be seeded before use."""

@@ -12,7 +12,8 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -33,6 +34,7 @@ def pixel_key(seed: UInt, pixel: UInt) -> UInt:
     return combine(hash32(pixel), hash32(seed))
 
 
+@dataclass(init=False, eq=False)  # so that dr.freeze finds the table
 class Permutations:
     """Random permutations of the numbers from 0 to n - 1, n >= 1, stored in a table.
 
@@ -41,7 +43,11 @@ class Permutations:
     ``mi.permute_kensler`` is five times slower, and for few elements it does not choose all permutations equally often.
     """
 
-    ALL_UP_TO = 6
+    ALL_UP_TO: ClassVar = 6
+    n: int
+    count: int
+    rotated: bool
+    table: Any
 
     def __init__(self, n: int) -> None:
         table = self._rows(n)

@@ -36,9 +36,10 @@ class PureSampler(mi.Sampler):
 
     def fork(self) -> PureSampler:
         """Returns a new sampler with the same parameters, which must be seeded before use."""
-        copy = type(self)(mi.Properties())
+        props = mi.Properties()
+        props["sample_count"] = self.sample_count()
+        copy = type(self)(props)
         copy.base_seed, copy.samples_per_wavefront = self.base_seed, self.samples_per_wavefront
-        mi.Sampler.set_sample_count(copy, self.sample_count())
         return copy
 
     def clone(self) -> PureSampler:

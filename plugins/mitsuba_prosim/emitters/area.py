@@ -59,10 +59,11 @@ class Area(Source):
     With only a radiance, this is Mitsuba's :ref:`area <emitter-area>`.
 
     A sphere is sampled over the solid angle that it subtends (thesis, section 4.2.2.1). Other shapes are sampled by
-    their own method, independent of a texture. Mitsuba cannot sample curves, ellipsoids, :monosp:`sdfgrid` and the
-    texture :monosp:`mesh_attribute`: only rays that meet such a source find its light, so that a ray tree loses its
-    light on diffuse surfaces, with a warning, and particle tracing raises an error. For an unoccluded, uniform sphere
-    of radius r at distance d, wholly above the horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
+    their own method, independent of a texture, so a bitmap with few bright points has less noise in :monosp:`area`.
+    Mitsuba cannot sample curves, ellipsoids, :monosp:`sdfgrid` and the texture :monosp:`mesh_attribute`: only rays that
+    meet such a source find its light, so that a ray tree loses its light on diffuse surfaces, with a warning, and
+    particle tracing raises an error. For an unoccluded, uniform sphere of radius r at distance d, wholly above the
+    horizon, the irradiance is exactly :math:`\pi L (r/d)^2 \cos \theta`.
 
     On a mesh whose vertex normals are tilted against its triangles, light sampling loses light, as with Mitsuba's
     :monosp:`area`: a warning names the shape.

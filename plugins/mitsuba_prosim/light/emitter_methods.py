@@ -6,7 +6,7 @@ of one scene only.
 
 An ``area`` with a texture samples texture coordinates, and looks for the point of the shape with these coordinates. So
 it may lose light, for example on a mesh, where coordinates may be outside the unit square or belong to several points.
-:class:`EmitterMethods` samples the shape.
+There :class:`EmitterMethods` samples the shape.
 
 An ``envmap`` with ``mis_compensation`` samples only its bright parts, because the rays of a path find the others. So
 half of its samples here are uniform over all directions.
@@ -20,7 +20,18 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, ENVMAP, MESH_ATTRIBUTE, SPHERE, linear_part, mesh_positions, outer_normal
+from ..compat import (
+    AREA,
+    ENVMAP,
+    MESH_ATTRIBUTE,
+    SPHERE,
+    has_unique_uv,
+    is_mirrored_cylinder,
+    linear_part,
+    mesh_positions,
+    outer_normal,
+    samples_elsewhere,
+)
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -168,6 +179,21 @@ def omits_directions(emitter: mi.Emitter) -> bool:
     return any(map(omitted, range(PROBES**2)))
 
 
+def loses_light(area: mi.Emitter) -> bool:
+    """Tells whether Mitsuba's ``area`` cannot sample its shape, or may not reach all points of its texture."""
+    if not has_points(area) or is_mirrored_cylinder(area.get_shape()):
+        return True
+    if not mi.has_flag(area.flags(), mi.EmitterFlags.SpatiallyVarying):
+        return False
+    return not has_unique_uv(area.get_shape()) or samples_elsewhere(mi.traverse(area), "radiance.")
+
+
+def _is_sampled_by_shape(emitter: mi.Emitter) -> bool:
+    if emitter.class_name() != AREA:
+        return False
+    return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying) or loses_light(emitter)
+
+
 class EmitterMethods:
     """Samples the ``emitters`` of a scene, given one of them or a Dr.Jit array.
 
@@ -179,7 +205,7 @@ class EmitterMethods:
         self.samplers: dict[mi.Emitter, mi.Emitter | mi.Shape] = {}
         for one in emitters:
             if not mi.has_flag(one.flags(), mi.EmitterFlags.Surface) or has_points(one):
-                self.samplers[one] = one.get_shape() if one.class_name() == AREA else one
+                self.samplers[one] = one.get_shape() if _is_sampled_by_shape(one) else one
         #: The emitters that do not sample all their directions.
         self.partial = [one for one in self.samplers if omits_directions(one)]
 
@@ -245,9 +271,9 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-            if sampler is one:
-                return one.sample_position(0.0, sample, active)[0]
-            return sample_point(sampler, 0.0, sample, active)
+            if one.class_name() == AREA:
+                return sample_point(one.get_shape(), 0.0, sample, active)
+            return one.sample_position(0.0, sample, active)[0]
 
         return self._call(emitter, drawn, no_sample(mi.PositionSample3f), sample, active)
 

@@ -28,19 +28,8 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import (
-    AREA,
-    BLEND,
-    EVALUATED_TOGETHER,
-    MAPS,
-    MASK,
-    PATH,
-    emitter_samples,
-    has_unique_uv,
-    is_mirrored_cylinder,
-    samples_elsewhere,
-)
-from ..light.emitter_methods import has_points, name_of
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples
+from ..light.emitter_methods import loses_light, name_of
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
 from . import lobes
@@ -55,7 +44,7 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
     (in ``aov`` or ``moment``), may lose or increase.
     """
     integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
-    if lost := [name_of(e) for e in scene.emitters() if e.class_name() == AREA and _loses_light(e)]:
+    if lost := [name_of(e) for e in scene.emitters() if e.class_name() == AREA and loses_light(e)]:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
@@ -88,15 +77,6 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
 
 def _is_smooth(bsdf: mi.BSDF) -> bool:
     return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-
-def _loses_light(area: mi.Emitter) -> bool:
-    """Tells whether Mitsuba's ``area`` cannot sample its shape, or may not reach all points of its texture."""
-    if not has_points(area) or is_mirrored_cylinder(area.get_shape()):
-        return True
-    if not mi.has_flag(area.flags(), mi.EmitterFlags.SpatiallyVarying):
-        return False
-    return not has_unique_uv(area.get_shape()) or samples_elsewhere(mi.traverse(area), "radiance.")
 
 
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:

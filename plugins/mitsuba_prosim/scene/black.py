@@ -62,10 +62,12 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
+    if getattr(integrator, "hide_emitters", False):
+        lamps = si.emitter(scene) != None  # noqa: E711
+        if dr.any(lamps) and dr.all(~visible | lamps):
+            return "only lamps are in view, and hide_emitters of the integrator hides them."
     if not dr.any(visible):
         return "nothing is in view. Does the camera look at the scene, and between its clipping planes?"
-    if getattr(integrator, "hide_emitters", False) and dr.all(~visible | (si.emitter(scene) != None)):  # noqa: E711
-        return "only lamps are in view, and hide_emitters of the integrator hides them."
     if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
         return (
             "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out "

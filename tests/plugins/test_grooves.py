@@ -119,6 +119,30 @@ def test_groove_loses_no_light(variant_rgb, lobe):
         assert dr.mean(weight[0])[0] == pytest.approx(1, abs=2e-3)
 
 
+@pytest.mark.parametrize("kind", ["conductor", *slow("composite", "dielectric")])
+def test_derivative_in_a_call_of_several_bsdfs_is_a_finite_difference(variant_rgb, kind):
+    """Dr.Jit 1.5 ended the process."""
+    bsdf, other = material(kind, "alpha", 0.5), mi.load_dict({"type": "diffuse"})
+    params = mi.traverse(bsdf)
+    name = next(key for key in params.keys() if "alpha" in key)  # noqa: SIM118 (not a dict)
+    rng = np.random.default_rng(3)
+    wi, wo = (mi.Vector3f(x / np.linalg.norm(x, axis=0)) for x in np.abs(rng.normal(size=(2, 3, 64))))
+    si = dr.zeros(mi.SurfaceInteraction3f, 64)
+    si.wi = wi
+
+    def total(alpha):
+        params[name] = alpha
+        params.update()
+        chosen = dr.select(dr.arange(mi.UInt32, 64) < 32, mi.BSDFPtr(bsdf), mi.BSDFPtr(other))
+        return dr.sum(chosen.eval(mi.BSDFContext(), si, wo).x)
+
+    alpha = mi.Float(0.5)
+    dr.enable_grad(alpha)
+    dr.backward(total(alpha))
+    difference = (total(mi.Float(0.51)) - total(mi.Float(0.49)))[0] / 0.02
+    assert dr.grad(alpha)[0] == pytest.approx(difference, rel=5e-3, abs=1e-3)
+
+
 def test_power_multiplies_reflectances(variant_rgb):
     exponent, base = np.arange(128), np.array([[0.9], [0.99], [1]])
     result = np.array(grooves.power(mi.Color3f(*base.ravel().tolist()), mi.Float(exponent)))

@@ -26,6 +26,10 @@ from .facets import SHORTEST, Distribution, facet_between, torrance_sparrow
 #: depends on the roughness would be missing in the derivatives by the roughness.
 STEEP = 5e-4
 
+#: Maximum number of terms in :func:`reflect_again` that have derivatives: all of them for alpha up to 3 or an
+#: exponent of at least 3.
+MAX_DIFFERENTIATED = 32
+
 
 def across_edge(x: mi.Float, y: mi.Float) -> mi.Vector3f:
     """Returns the unit vector along the horizontal vector (``x``, ``y``) of any length."""
@@ -113,9 +117,14 @@ def reflect_again(
         remaining = f * reflectance(last) * power(middle, k - 2) * dr.clip((psi - least) / (full - least), 0, 1)
         return number + 1, value + remaining * density, pdf + probability(f) * density
 
-    # A loop that only sums up from zero has derivatives without a limit to its iterations.
-    start = mi.Float(0), dr.zeros(type(middle)), mi.Float(0)
-    _, value, pdf = dr.while_loop(start, lambda number, *_: number < total, add, max_iterations=-1)
+    state = mi.Float(0), dr.zeros(type(middle)), mi.Float(0)
+    if dr.grad_enabled(roughness, middle, wi, wo):
+        # Not a loop of Dr.Jit 1.5, which ends the process if such a loop is in a call of one of several BSDFs.
+        for _ in range(MAX_DIFFERENTIATED):
+            state = dr.select(state[0] < total, add(*state), state)
+    else:
+        state = dr.while_loop(state, lambda number, *_: number < total, add)
+    _, value, pdf = state
     return value, pdf
 
 

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import blocks, renderings, same_expectation
+from mitsuba_prosim.alone import alone
 from mitsuba_prosim.scene.scene_file import SceneFile
 from scenes import T, camera, film, load_scene, penumbra, rectangle, slow
 
@@ -82,6 +83,7 @@ def test_a_frozen_function_is_refused(variant_rgb):
 @pytest.mark.parametrize(
     "shape", [{"type": "sphere", "center": [0, 0, 2]}, {"type": "rectangle", "flip_normals": True}, {"type": "cube"}]
 )
+@alone()  # see alone: the collector must not free scenes while a kernel is traced
 def test_lamps_light_in_a_frozen_function(variant_rgb, shape):
     """A recorded function can't read the area and the transform of a shape; its light is still that of ``area``."""
     to_world = mi.ScalarTransform4f().translate([0, 0, 2])
@@ -101,6 +103,7 @@ def test_lamps_light_in_a_frozen_function(variant_rgb, shape):
 
 
 @pytest.mark.parametrize("glass", [{"int_ior": 1.5}, {"int_ior": 1.5, "int_abbe": 30.0}, {"alpha": 0.2}])
+@alone()  # see alone: the collector must not free scenes while a kernel is traced
 def test_glass_is_found_by_a_frozen_function(variant_rgb, glass):
     """Also its index, which is changed later."""
     scene, path = mi.load_dict(penumbra({"type": "prosim_dielectric", **glass}, 8)), mi.load_dict({"type": "path"})
@@ -115,6 +118,7 @@ def test_glass_is_found_by_a_frozen_function(variant_rgb, glass):
 
 
 @pytest.mark.parametrize("name, spp", [("nrook", 0), ("nrook", 36), ("owen", 0), ("owen", 36)])
+@alone()  # see alone: the collector must not free scenes while a kernel is traced
 def test_samplers_in_a_frozen_function(variant_rgb, name, spp):
     scene, path = penumbra(size=8), mi.load_dict({"type": "path"})
     scene["sensor"]["sampler"] = {"type": name, "sample_count": 25}

@@ -122,6 +122,14 @@ def test_marble_in_a_cavity_keeps_its_size(radius, gap, recwarn):
     assert not [w for w in recwarn if "pixels off" in str(w.message)]
 
 
+def test_intersection_with_a_ball_that_touches_it_keeps_its_size(recwarn):
+    meshes, error = meshes_and_error(
+        scene("* SPHERE 0 SPHERE 1", ["SCALE (2 2 2)", "SCALE (1.4 1.4 1.4) TRANSLATE (.6 0 0)"])
+    )
+    assert np.ptp(meshes[1].vertices, axis=0) == pytest.approx(2.8, abs=4e-3) and error <= 0.1
+    assert not [w for w in recwarn if "pixels off" in str(w.message)]
+
+
 @pytest.mark.parametrize(
     "tree, seen", [("+ + SPHERE 0 SPHERE 1 CUBE 2", {2}), ("- + CUBE 2 SPHERE 1 SPHERE 0", {0, 2})]
 )

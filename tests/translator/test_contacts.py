@@ -123,10 +123,11 @@ def test_marble_in_a_cavity_keeps_its_size(radius, gap, recwarn):
 
 
 def test_intersection_with_a_ball_that_touches_it_keeps_its_size(recwarn):
+    r = 1.4341220657382818
     meshes, error = meshes_and_error(
-        scene("* SPHERE 0 SPHERE 1", ["SCALE (2 2 2)", "SCALE (1.4 1.4 1.4) TRANSLATE (.6 0 0)"])
+        scene("* SPHERE 0 SPHERE 1", ["SCALE (2 2 2)", f"SCALE ({r} {r} {r}) TRANSLATE ({2 - r} 0 0)"])
     )
-    assert np.ptp(meshes[1].vertices, axis=0) == pytest.approx(2.8, abs=4e-3) and error <= 0.1
+    assert np.ptp(meshes[1].vertices, axis=0) == pytest.approx(2 * r, abs=4e-3) and error <= 0.1
     assert not [w for w in recwarn if "pixels off" in str(w.message)]
 
 

@@ -38,6 +38,15 @@ def test_render_reaches_the_error(variant_rgb, kind):
     assert np.array(result).shape[:2] == np.array(mi.Bitmap(result)).shape[:2] == (48, 48)
 
 
+def test_what_reports_the_progress_does_not_end_the_render(variant_rgb, monkeypatch):
+    """The update of a bar returns whether it was drawn."""
+    monkeypatch.setenv("TQDM_MININTERVAL", "0")
+    expected = mitsuba_prosim.render(scene(), noise=0.02, progress=False)
+    for progress in (True, lambda done: True):
+        result = mitsuba_prosim.render(scene(), noise=0.02, progress=progress)
+        assert np.array_equal(result.samples, expected.samples) and result.verdict == expected.verdict
+
+
 def test_render_takes_dictionaries_and_files(variant_rgb, tmp_path, path):
     (xml := tmp_path / "s.xml").write_text(XML)
     one = mitsuba_prosim.render(mi.load_string(XML), spp=4, progress=False)

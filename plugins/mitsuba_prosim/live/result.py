@@ -102,9 +102,11 @@ def render(
     ValueError for wrong arguments, and the errors of loading the scene.
     """
     with reporter(progress) as report:
-        return converge(
-            "render", scene, lambda image, _: report(image.progress), noise, time, spp, denoise, sensor, seed
-        )
+
+        def follow(image: ProgressiveImage, _: bool) -> None:
+            report(image.progress)  # its result, such as that of tqdm.update, must not end the render
+
+        return converge("render", scene, follow, noise, time, spp, denoise, sensor, seed)
 
 
 def converge(

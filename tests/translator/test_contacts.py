@@ -123,11 +123,15 @@ def test_marble_in_a_cavity_keeps_its_size(radius, gap, recwarn):
 
 
 def test_intersection_with_a_ball_that_touches_it_keeps_its_size(recwarn):
-    r = 1.4341220657382818
-    meshes, error = meshes_and_error(
-        scene("* SPHERE 0 SPHERE 1", ["SCALE (2 2 2)", f"SCALE ({r} {r} {r}) TRANSLATE ({2 - r} 0 0)"])
-    )
-    assert np.ptp(meshes[1].vertices, axis=0) == pytest.approx(2 * r, abs=4e-3) and error <= 0.1
+    radius, turn = 1.4341220657382818, "ROTATE-X (67.40375360835552) ROTATE-Y (61.1315256290909)"
+    inner = f"ROTATE-X (104.5) ROTATE-Y (131.9) ROTATE-Z (192) SCALE ({radius} {radius} {radius})"
+    steps = [
+        f"{inner} TRANSLATE (.24919075088496498 .30270271097689927 .40803538440303505) {turn}",
+        f"ROTATE-X (41.2) ROTATE-Y (290.8) ROTATE-Z (152.3) SCALE (2 2 2) {turn}",
+    ]
+    text = scene("* SPHERE 1 SPHERE 0", steps).replace(VIEW, "OBS 8 -5.4 -11.6 VRP 0 0 0 WINDOW -2 -1.5 2 1.5")
+    meshes, error = meshes_and_error(text)
+    assert np.ptp(meshes[0].vertices, axis=0) == pytest.approx(2 * radius, abs=4e-3) and error <= 0.1
     assert not [w for w in recwarn if "pixels off" in str(w.message)]
 
 

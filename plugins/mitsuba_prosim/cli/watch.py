@@ -23,7 +23,7 @@ from .option_types import Integer, option, require_extra
 from .report import metadata
 
 #: Options of prosim render that prosim watch does not have: options for output files, other processes, and animations.
-LEFT_OUT = ("output", "exposure", "checkpoint", "crop", "workers", "cluster", "part", "frames")
+LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "crop", "workers", "cluster", "part", "frames")
 
 
 @click.command(cls=Command)

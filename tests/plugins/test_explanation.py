@@ -124,7 +124,7 @@ def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
 @pytest.mark.parametrize("name", ["tree", *slow("lamps", "paths")])
 def test_occluders_are_what_rays_meet(variant_rgb, name):
     scene = scene_of(name)
-    nodes = [node for pixel in pixels(6, seed=1) for node in mitsuba_prosim.explain(scene, pixel, spp=SPP).nodes]
+    nodes = [node for pixel in pixels(12, seed=1) for node in mitsuba_prosim.explain(scene, pixel, spp=SPP).nodes]
     lit = [(node, lamp) for node in nodes for lamp in node.lamps if lamp.state in ("visible", "hidden")]
     origin, target = (mi.Point3f(np.transpose(p)) for p in zip(*((node.position, lamp.point) for node, lamp in lit)))
     distance, d = dr.norm(target - origin), dr.normalize(target - origin)

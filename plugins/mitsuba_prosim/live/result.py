@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import mitsuba as mi
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from .. import atomic
 from ..explaining.verdict import verdict
@@ -96,7 +96,7 @@ def render(
     ``sensor``, ``seed``
         As in ``mi.render``.
     ``progress``
-        Whether to show a bar; or a function that gets the progress, 0 to 1.
+        Whether to show a bar, which is a widget in a notebook; or a function that gets the progress, 0 to 1.
 
     Any integrator that takes samples from a sensor works. Raises RuntimeError in scalar variants and without a variant,
     ValueError for wrong arguments, and the errors of loading the scene.

@@ -61,6 +61,7 @@ def test_prosim_denoised_and_denoise_option_make_one_image(scene):
         images.append(pixels(scene.with_suffix(".exr")))
     assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
     refused("--checkpoint with prosim_denoised: replace it", "render", scene, "--noise", 0.1, "--checkpoint")
+    refused("--snapshots: the image is denoised", "render", scene, "--snapshots", 0.1)
 
 
 def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(scene):

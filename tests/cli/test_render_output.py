@@ -41,6 +41,8 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
         ("render", "", "give a name or a folder"),
         ("render", "{}/x.jpg", ".exr and .png"),
         ("render", "{}/other.npz", ".exr and .png"),
+        *[("render", place, ".exr and .png") for place in ("{}/x.tga", "/dev/null", "-", "{}/pipe")],
+        ("translate", "-", "give a folder"),
         ("compare", "{}/x.png", "for .html"),
         ("translate", "{}/pal.xml", "give a folder"),
         ("translate", "{}/" + "a" * 260, "File name too long"),
@@ -52,6 +54,7 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
 def test_wrong_places(palito, monkeypatch, command, given, says):
     """They are found before the render."""
     monkeypatch.setattr(rendering, "progressive", lambda *_, **__: pytest.fail("has rendered"))
+    os.mkfifo(palito.with_name("pipe"))
     refused(says, command, palito, "-o", given.format(palito.parent))
 
 

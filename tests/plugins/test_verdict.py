@@ -68,6 +68,7 @@ def faults():
         (scene({"type": "path", "max_depth": 1}, **bulb((0, 9, 0))), "max_depth = 1 ends all rays"),
         (scene({"type": "path", "max_depth": 3}, vase=ball(GLASS), **bulb()), "max_depth = 3 ends rays within glass"),
         (scene(HIDING, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
+        (scene({"type": "prosim_adaptive", "nested": HIDING}, (0, 20, 0), **bulb((0, 20, 0), 30)), "hides them"),
         (scene(HIDING, (0, 20, 0), sky=SKY["sky"]), "hide_emitters of the integrator hides them"),
         (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **bulb((0, 9, 0))), "masks with nothing"),
         (scene(vase=ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), **bulb()), "Are the lights enclosed"),

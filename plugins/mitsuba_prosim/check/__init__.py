@@ -7,7 +7,7 @@ The function takes the name of a type, a dictionary or an XML file, and returns 
     mi.set_variant("llvm_ad_rgb")
     check({"type": "roughplastic", "alpha": 0.2}).raise_if_wrong()
 
-It tests in the active variant, and then compare the other variants, which are active meanwhile.
+It tests in the active variant, and then compares the other variants, which are active meanwhile.
 """
 
 from __future__ import annotations

@@ -78,11 +78,11 @@ def chi_squared(
         change, error = (float(dr.sum(dr.abs(chi2.pdf - v))[0] / SAMPLES) for v in (coarse, chi2.histogram))
         if p < 1e-3 and change > 0.3 * error and change > 2e-3:
             return {"verdict": "not tested", "statistic": "the lobe is narrower than the cells"}
-    picture = [np.array(one).reshape(int(chi2.res[1]), -1) for one in (chi2.pdf, chi2.histogram)]
-    p = 1.0 if p < 1e-3 and deviation(*picture) < RELATIVE else p
+    cells = [np.array(one).reshape(int(chi2.res[1]), -1) for one in (chi2.pdf, chi2.histogram)]
+    p = 1.0 if p < 1e-3 and deviation(*cells) < RELATIVE else p
     masses = f"density {chi2.pdf_sum[0]:.4f}, samples {chi2.histogram_sum[0]:.4f}"
     if p < 1e-3:
-        cell = np.unravel_index(np.abs(picture[1] - picture[0]).argmax(), picture[0].shape)[::-1]
+        cell = np.unravel_index(np.abs(cells[1] - cells[0]).argmax(), cells[0].shape)[::-1]
         middle = chi2.bounds.min + (mi.ScalarPoint2f(cell) + 0.5) / chi2.res * chi2.bounds.extents()
         masses += f", most different {described({'at': domain.map_forward(mi.Point2f(middle))})}"
     return {"statistic": masses, "p_value": p}

@@ -8,6 +8,7 @@ import difflib
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,9 @@ class InputFile(click.Path):
         try:
             super().convert(value, param, ctx)
         except click.BadParameter as error:
-            files = os.listdir(path.parent) if path.parent.is_dir() and not path.exists() else []
+            files = list[str]()
+            with suppress(OSError):  # the folder cannot be read
+                files = os.listdir(path.parent) if path.parent.is_dir() and not path.exists() else []
             near = [f" Did you mean {path.with_name(name)}?" for name in difflib.get_close_matches(path.name, files, 1)]
             self.fail("".join([error.message, *near]), param, ctx)
         suffix = path.suffix.lower()
@@ -55,7 +58,7 @@ SCENE_FILE, LANGUAGE_FILE = InputFile(".scn", ".xml"), InputFile(".scn")
 STATE_FILE, IMAGE_FILE = InputFile(".npz"), InputFile(".exr")
 
 #: Suffixes of files that a user might want, but no command writes.
-FOREIGN = re.compile(r"\.(bmp|exr|gif|hdr|html|jpe?g|mp4|npz|pfm|png|scn|svg|tiff?|webp|xml)")
+FOREIGN = re.compile(r"\.(bmp|exr|gif|hdr|html|jpe?g|json|mp4|npz|pdf|pfm|ply|png|ppm|scn|svg|tga|tiff?|txt|webp|xml)")
 
 
 def image_stem(path: Path) -> Path:
@@ -69,7 +72,8 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
 
     ``output`` is the value of the option ``-o``: None for ``default``, a folder for the name of ``default`` in it, or a
     file name, with or without one of the ``suffixes`` of the output files. ``~`` is the user's home folder, which the
-    shell does not insert in quotes and after ``=``. Raises BadParameter for the suffix of another kind of file.
+    shell does not insert in quotes and after ``=``. Raises BadParameter for the suffix of another kind of file and for
+    a device or a pipe.
     """
     if output is None:
         return default
@@ -79,7 +83,7 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
     suffix = path.suffix.lower()
     if suffix in suffixes:
         return path.with_suffix("")
-    if FOREIGN.fullmatch(suffix) or not path.name:
+    if FOREIGN.fullmatch(suffix) or path.name in ("", "-") or (path.exists() and not path.is_file()):
         raise click.BadParameter(f"'{output}': give a name or a folder for {' and '.join(suffixes)}.", param_hint="-o")
     return path
 

@@ -42,10 +42,12 @@ class Animation:
             if not Path(job.scene).is_file():
                 raise ValueError(f"{job.scene} is a pipe, and each of the --frames reads the scene; save it in a file")
             #: Whether the scene uses $frame, or $time, which the thesis's language derives from it.
-            self.moves = bool(scene_file.used_names(job.scene, {**job.definitions, FRAME: "0"}, (FRAME, TIME)))
+            names = (FRAME,) if TIME in job.definitions or job.scene.lower().endswith(".xml") else (FRAME, TIME)
+            self.moves = bool(scene_file.used_names(job.scene, {TIME: "0", **job.definitions, FRAME: "0"}, names))
             if not self.moves and len(self.frames) > 1:
+                unused = f"uses neither ${FRAME} nor ${TIME}" if TIME in names else f"does not use ${FRAME}"
                 raise ValueError(
-                    f"{job.scene} uses neither ${FRAME} nor ${TIME}, so all frames would be alike; use one where the "
+                    f"{job.scene} {unused}, so all frames would be alike; use ${FRAME} where the "
                     f"scene moves, in the thesis's language such as {{360 * ${FRAME} / {len(self.frames)}}}"
                 )
 

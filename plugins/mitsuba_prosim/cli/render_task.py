@@ -90,6 +90,8 @@ class RenderTask:
         refuse_scalar(", ".join(name for name in TARGETS if getattr(integrator, name, 0)), job.variant)
         if self.denoise:
             check_denoising(film)
+            if wrong := [f"--{name}" for name in ("layers", "snapshots") if getattr(job, name)]:
+                raise ValueError(f"{', '.join(wrong)}: the image is denoised; leave it out, or do not denoise")
         option = "--part" if job.part else "--checkpoint" if job.checkpoint else job.distributed
         if option:
             rendering.require_progressive(integrator, option)
@@ -346,7 +348,8 @@ def finished_image(
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
     line = report.summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
     exposure = job.exposure or 0.0
-    why_black = black.reason(task.scene, task.sensor, images.colours(bitmap), exposure=exposure)
+    colours = images.colours(bitmap)
+    why_black = None if interrupted else black.reason(task.scene, task.sensor, colours, exposure=exposure)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
     contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
     return {**contents}, [line], why_black

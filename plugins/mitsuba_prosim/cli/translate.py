@@ -28,7 +28,7 @@ TARGETS = click.Choice(["prosim", "stock"])
 def translate(job: Job, target: str, check: bool) -> None:
     """Translate SCENE, in the thesis's scene language, to a Mitsuba scene (.xml) and its meshes (.ply)."""
     folder = None if job.output is None else Path(job.output).expanduser()
-    if folder is not None and FOREIGN.fullmatch(folder.suffix.lower()) and not folder.is_dir():
+    if folder and (folder.name == "-" or FOREIGN.fullmatch(folder.suffix.lower())) and not folder.is_dir():
         raise click.BadParameter(f"'{folder}': give a folder; its files get the scene's name.", param_hint="-o")
     options: dict[str, Any] = {"define": job.definitions, "resolution": job.resolution, "samples": job.samples}
     options |= job.language | {"target": target}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.plan import TARGETS
 from . import measures, runs
 from .methods import ComparedScene, Method, Spec
 from .runs import Reference, Runs
@@ -17,7 +18,7 @@ from .runs import Reference, Runs
 LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
 
 #: Parameters with which ``prosim`` takes 64 samples in each pixel.
-UNIFORM: dict[str, Any] = {"adaptive": "none", "samples": 8, "noise": 0.0, "time": 0.0}
+UNIFORM: dict[str, Any] = {"adaptive": "none", "samples": 8, **dict.fromkeys(TARGETS, 0.0)}
 
 
 class Comparison:

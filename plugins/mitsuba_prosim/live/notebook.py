@@ -39,8 +39,13 @@ def show(scene: AnyScene, **how: Any) -> Result:
                 place.update(shown, raw=True)
         return bool(interruptions)
 
-    with interrupting(lambda: interruptions.append(True)):
-        result = converge("show", scene, draw, **how)
+    try:
+        with interrupting(lambda: interruptions.append(True)):
+            result = converge("show", scene, draw, **how)
+    except BaseException:
+        if place is not None:
+            place.update({"text/plain": "not rendered"}, raw=True)
+        raise
     if place is not None:
         text, picture = {"text/plain": result.verdict}, as_png(result.colours)
         place.update(text | {"image/png": picture}, metadata={"image/png": {"alt": result.verdict}}, raw=True)

@@ -151,7 +151,7 @@ def converge(
         image.render.counts(),
         reached.noise,
         bound,
-        black.reason(loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright")
+        (None if interrupted else black.reason(loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright"))
         or verdict(image.render, image.final, interrupted, integrator),
     )
 

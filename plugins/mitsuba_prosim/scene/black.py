@@ -62,7 +62,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
-    if getattr(integrator, "hide_emitters", False):
+    if getattr(getattr(integrator, "nested", integrator), "hide_emitters", False):
         lamps = si.emitter(scene) != None  # noqa: E711
         if dr.any(lamps) and dr.all(~visible | lamps):
             return "only lamps are in view, and hide_emitters of the integrator hides them."

@@ -21,9 +21,9 @@ def parse_factors(texts: Iterable[str], names: Sequence[str]) -> dict[str, np.nd
     factors = dict[str, np.ndarray]()
     for text in texts:
         name, _, values = text.partition("=")
-        factor = np.zeros(0, np.float32)
+        factor = np.zeros(0)
         with suppress(ValueError):
-            factor = np.array(values.split(","), dtype=np.float32)
+            factor = np.array(values.split(","), dtype=np.float64)
         if len(factor) not in (1, 3) or not ((factor >= 0) & (factor <= BRIGHTEST)).all():
             form = f"LAYER=FACTOR, such as light_0=0.5 or light_0=1,0.8,0.6; factors are from 0 to {BRIGHTEST:g}"
             raise ValueError(f"'{text}' is not of the form {form}")
@@ -31,7 +31,7 @@ def parse_factors(texts: Iterable[str], names: Sequence[str]) -> dict[str, np.nd
             raise ValueError(f"there is no layer '{name}'; there are {', '.join(names)}")
         if name in factors:
             raise ValueError(f"{name} has several factors; give one")
-        factors[name] = factor
+        factors[name] = factor.astype(np.float32)
     return factors
 
 

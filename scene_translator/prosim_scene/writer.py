@@ -11,8 +11,9 @@ translations, but no other files.
 import os
 import re
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 
@@ -50,6 +51,7 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 #: Each XML file that a translation writes contains this comment.
 MARK = "A translation from the scene language; the next one takes its place"
+LOCK_TIMEOUT = 10.0  # how many seconds to wait for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
@@ -94,7 +96,8 @@ class TranslationFiles:
         The XML file is replaced after the meshes are written, so the mesh files that the XML file names always exist.
         Meshes of earlier translations are removed at the end, if the folder could be locked. Raises OSError if the
         files cannot be written, in particular FileExistsError if a file that no translation wrote has the path of a
-        result; existing files are then unchanged.
+        result; existing files are then unchanged. Raises TimeoutError, too, if another translation keeps the folder
+        locked.
         """
         _check_replaceable(self.xml, self.mesh_folder)
         with create_folder(self.folder), _locked(self.folder) as locked, create_folder(self.mesh_folder):
@@ -134,12 +137,11 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder, so that no other translation removes the new meshes before the new XML file refers to them; waits
-    for another translation that writes to the folder.
+    """Locks a folder, so that no other translation removes the new meshes before the new XML file refers to them.
 
     Yields True if the folder is locked, and otherwise False. The folder is not locked on Windows, on network file
     systems without locks, and without the permission to read the folder. The operating system removes the lock of a
-    killed process.
+    killed process. Raises TimeoutError if another translation keeps the folder locked for LOCK_TIMEOUT seconds.
     """
     if sys.platform == "win32":
         yield False
@@ -151,11 +153,19 @@ def _locked(folder: Path) -> Iterator[bool]:
     except PermissionError:
         yield False
         return
-    locked = False
+    end, locked = time.monotonic() + LOCK_TIMEOUT, False
     try:
-        with suppress(OSError):  # the file system has no locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            locked = True
+        while not locked:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                locked = True
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    reason = "another translation is writing to this folder; wait for it, or choose another folder"
+                    raise TimeoutError(0, reason, folder) from None
+                time.sleep(0.02)
+            except OSError:  # the file system has no locks
+                break
         yield locked
     finally:
         os.close(descriptor)

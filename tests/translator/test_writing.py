@@ -8,13 +8,12 @@ import re
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneError
+from prosim_scene import SceneError, writer
 from waiting import PATIENCE
 
 SCENE = """LIGHTS POINT position 0 5 5
@@ -161,20 +160,21 @@ def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
-def test_a_translation_waits_for_another_one(scene):
+def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch):
     import fcntl
 
     xml = prosim_scene.translate(scene, tolerance=1)
     before = everything(scene.parent)
+    monkeypatch.setattr(writer, "LOCK_TIMEOUT", 0.1)
     lock = os.open(scene.parent, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    with ThreadPoolExecutor() as pool:
-        waiting = pool.submit(prosim_scene.translate, scene, tolerance=2)
-        with pytest.raises(TimeoutError):
-            waiting.result(1)
-        unchanged = everything(scene.parent) == before
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(SceneError, match="another translation is writing to this folder") as error:
+            prosim_scene.translate(scene, tolerance=1)
+    finally:
         os.close(lock)
-    assert unchanged and waiting.result() == xml and everything(scene.parent) != before
+    assert str(scene.parent) in str(error.value) and everything(scene.parent) == before
+    assert prosim_scene.translate(scene, tolerance=1) == xml
 
 
 def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):

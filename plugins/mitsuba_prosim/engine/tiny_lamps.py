@@ -6,8 +6,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import world_transform
-from ..optics.nested import all_flags, all_shapes
+from ..compat import MAPS, world_transform
+from ..optics.nested import all_flags, all_shapes, all_within
 from ..transport import lobes
 from .camera import is_perspective
 
@@ -46,7 +46,8 @@ def has_glass(scene: mi.Scene) -> tuple[bool, bool]:
     flags = {bsdf: int(bsdf.flags()) for shape in all_shapes(scene) if (bsdf := shape.bsdf()) is not None}
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
-    glossy = [bsdf for bsdf, has in flags.items() if lobes.has_any(has, "GlossyTransmission")]
+    parts = (part for bsdf in flags for part in all_within(bsdf) if part.class_name() not in MAPS)
+    glossy = [part for part in parts if lobes.has_any(part.flags(), "GlossyTransmission")]
     values = (bsdf.eval(mi.BSDFContext(), si, -si.wi) for bsdf in glossy)
     narrow = any(bool(dr.any(dr.max(mi.unpolarized_spectrum(value)) > NARROW)) for value in values)
     return any(lobes.has_any(has, "DeltaTransmission") for has in flags.values()), narrow

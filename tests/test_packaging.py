@@ -75,8 +75,8 @@ def test_the_start_up_file_names_the_llvm_that_is_required(tmp_path, monkeypatch
 OLDEST = ("mitsuba==3.9.0", 'numpy==1.26.*; python_version < "3.13"', "lark==1.2.*")
 #: What the tests import, without mitsuba-oidn, which is built for the Dr.Jit of Mitsuba 3.9.1.
 WITHOUT_DENOISING = (
-    f"{ROOT}[cluster,compare,editors,watch]",
-    *("hatchling", "ipykernel", "nbclient", "playwright"),
+    f"{ROOT}[cluster,compare,editors,figures,watch]",
+    *("hatchling", "ipykernel", "nbclient", "playwright", "sphinx"),
     *("pytest", "pytest-lsp", "pytest-xdist", "scipy"),
 )
 

@@ -276,6 +276,8 @@ def test_message_without_a_readable_line_is_unchanged(tmp_path, write_scene):
 )
 def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     """The image is that of path: the light of the sky, and of what the floor reflects."""
+    if "denoised" in integrator:
+        pytest.importorskip("mitsuba_oidn")
     scene.write_text(scene_text(integrator, LIT_FLOOR))
     assert "prosim in place of " in done("render", scene, "--paths").stdout
     file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)

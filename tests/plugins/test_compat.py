@@ -123,7 +123,7 @@ def test_class_names_are_those_of_mitsubas_plugins(variant_rgb):
         compat.CYLINDER: {"type": "cylinder"},
         compat.RECTANGLE: {"type": "rectangle"},
         compat.PERSPECTIVE: {"type": "perspective"},
-        compat.ENVMAP: {"type": "envmap", "bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))},
+        compat.ENVMAP: {"type": "envmap", "bitmap": mi.Bitmap(np.ones((4, 8, 3), np.float32))},
         compat.CONSTANT: {"type": "constant"},
         compat.MASK: {"type": "mask", "bsdf": bsdf},
         compat.BLEND: {"type": "blendbsdf", "a": bsdf, "b": {"type": "plastic"}, "weight": 0.5},

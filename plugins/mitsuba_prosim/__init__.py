@@ -22,7 +22,7 @@ __all__ = ["denoise", "explain", "register_plugins", "render", "show"]
 __version__ = "0.2.0"
 
 #: Functions of this package that are imported when they are first used -> their modules.
-LAZY = {"denoise": "denoising", "explain": "explaining.explanation", "render": "live.result", "show": "live.notebook"}
+LAZY = {"denoise": "denoising", "explain": "explaining.explanation", "render": "live.result", "show": "live.result"}
 
 
 def __getattr__(name: str) -> Any:

@@ -9,8 +9,8 @@ import nbformat
 import numpy as np
 import prosim_scene
 import pytest
-from mitsuba_prosim.live import notebook
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
+from mitsuba_prosim.live.result import interrupting
 from nbclient import NotebookClient
 
 
@@ -25,7 +25,7 @@ def test_interrupt_stops_the_render_after_the_work_item(monkeypatch):
     stopped = []
     # Mitsuba's scalar integrators, in other tests of this process, leave a handler that ends it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with notebook.interrupting(lambda: stopped.append(True)):
+    with interrupting(lambda: stopped.append(True)):
         signal.raise_signal(signal.SIGINT)
     assert stopped == [True]
     with pytest.raises(KeyboardInterrupt):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.live.picture import Picture
-from mitsuba_prosim.scene import throttle
 
 
 @pytest.mark.parametrize("value, white", [(0, 0), (0.5, 0.5), (3e7, 3e7), (np.nan, 1)])
@@ -16,8 +16,8 @@ def test_packed_layer_has_its_white(value, white):
 
 def test_throttle_draws_cheap_pictures_often(monkeypatch):
     time = 0.0
-    monkeypatch.setattr(throttle, "clock", lambda: time)
-    another, drawn = throttle.Throttle(), []
+    monkeypatch.setattr(progressive_image, "clock", lambda: time)
+    another, drawn = progressive_image.Throttle(), []
     for took in (0.001, 0.06):
         while time < 60:
             if another.due:
@@ -26,5 +26,5 @@ def test_throttle_draws_cheap_pictures_often(monkeypatch):
                     time += took
             time += 0.01
         rate = len(drawn) / 60
-        assert 0.8 < max(rate * throttle.DRAW_INTERVAL, rate * took / throttle.DRAW_FRACTION) <= 1
-        time, another, drawn = 0.0, throttle.Throttle(), []
+        assert 0.8 < max(rate * progressive_image.DRAW_INTERVAL, rate * took / progressive_image.DRAW_FRACTION) <= 1
+        time, another, drawn = 0.0, progressive_image.Throttle(), []

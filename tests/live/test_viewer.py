@@ -1,6 +1,7 @@
 """What the viewer shows after which request."""
 
 import itertools
+import threading
 from pathlib import Path
 
 import mitsuba as mi
@@ -9,9 +10,9 @@ import pytest
 from little import LITTLE, is_, move, running, save, surface_at
 from mitsuba_prosim import denoising
 from mitsuba_prosim.engine.work import Executor
+from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.live.progressive_image import ProgressiveImage
 from mitsuba_prosim.live.viewer import Viewer
-from mitsuba_prosim.scene import throttle
 from mitsuba_prosim.scene.scene_file import SceneFile
 from waiting import PATIENCE, until
 
@@ -33,8 +34,8 @@ def seen(viewer):
 @pytest.fixture
 def all_portions_seen(monkeypatch):
     """However small and quick they are."""
-    monkeypatch.setattr(throttle, "DRAW_INTERVAL", 0)
-    monkeypatch.setattr(throttle, "DRAW_FRACTION", 1e9)
+    monkeypatch.setattr(progressive_image, "DRAW_INTERVAL", 0)
+    monkeypatch.setattr(progressive_image, "DRAW_FRACTION", 1e9)
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
@@ -132,11 +133,12 @@ def test_viewer_moves_the_camera(variant_rgb, path, tmp_path, monkeypatch):
 
 def test_cancelled_call_does_not_stop_the_viewer(path):
     """As of a page that has asked for a pixel while a large scene was opened; they are no end of the viewer."""
-    viewer, done = Viewer(path, lambda: None), []
+    viewer, opened, done = Viewer(path, lambda: None), threading.Event(), []
+    viewer.call(lambda _: opened.wait(PATIENCE))
     assert viewer.call(done.append).cancel()
     failed, last = viewer.call(lambda _: 1 / 0), viewer.call(lambda viewer: viewer.scene)
-    viewer.run_calls()
-    assert not done and last.result(0) is None and isinstance(failed.exception(0), ZeroDivisionError)
+    opened.set()
+    assert last.result(PATIENCE) is None and not done and isinstance(failed.exception(0), ZeroDivisionError)
 
 
 def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, monkeypatch):

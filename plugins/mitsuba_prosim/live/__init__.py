@@ -1,8 +1,8 @@
 """Live views of a scene: a local web page that shows a scene while its file is edited, and a progressive image in a
 notebook.
 
-The module ``viewer`` renders in one thread, and executes the requests of other threads there; ``publisher`` holds the
-state that the page shows, and ``server`` serves the page. The modules ``progressive_image`` and ``picture`` have the
-images, ``loaded_scene``, ``orbit_camera`` and ``scene_watcher`` the scene. The module ``notebook`` shows an image in a
-notebook; ``result`` renders a scene in one call.
+The module ``viewer`` renders in one thread, executes the requests of other threads there, and holds the state that the
+page shows; ``server`` serves the page. The modules ``progressive_image`` and ``picture`` have the images,
+``loaded_scene``, ``orbit_camera`` and ``scene_watcher`` the scene. The module ``result`` renders a scene in one call,
+and shows the image in a notebook meanwhile.
 """

@@ -1,8 +1,10 @@
-"""Renders an image progressively, with or without a denoiser."""
+"""Renders an image progressively, with or without a denoiser, and limits how often its pictures are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from time import perf_counter as clock
 from typing import Any
 
 import drjit as dr
@@ -15,9 +17,32 @@ from ..engine.render import Reached
 from ..engine.work import Executor, Step
 from ..registry import create
 from ..scene import rendering
-from ..scene.throttle import Throttle
 from ..transport.scattering import disperses
 from .picture import Picture, colours, fill_unknown, layers_of_render
+
+#: Minimum number of seconds between two pictures, and the maximum fraction of the time for drawing pictures.
+DRAW_INTERVAL, DRAW_FRACTION = 0.1, 0.03
+
+
+class Throttle:
+    """Limits how often pictures are drawn, to a small fraction of the rendering time."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    @property
+    def due(self) -> bool:
+        """Whether enough time has passed since the latest picture, so that the next picture may be drawn."""
+        return clock() >= self._next
+
+    @contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Measures the ``with`` block, which draws a picture, and sets the earliest time of the next one."""
+        started = clock()
+        yield
+        now = clock()
+        self._next = now + max(DRAW_INTERVAL, (now - started) / DRAW_FRACTION)
+
 
 #: Maximum number of pixels of the coarse image, which is shown first.
 COARSE = 1 << 14

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import itertools
 import time
 import warnings
-from collections.abc import Callable
-from concurrent.futures import Future
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
-from queue import Empty, Queue
 from types import MappingProxyType
 from typing import Any, cast
 
@@ -27,8 +27,68 @@ from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
 from .picture import Factors, Picture
 from .progressive_image import ProgressiveImage
-from .publisher import Publisher, State
 from .scene_watcher import INTERVAL, SceneWatcher
+
+
+@dataclass(frozen=True)
+class State:
+    """The state that a page shows."""
+
+    #: The name of the scene's file.
+    scene: str
+    #: ``opening``, ``rendering``, ``done``, ``missing`` if the file does not exist, or ``failed``.
+    status: str = "opening"
+    #: How often the viewer has tried to open the file.
+    opened: int = 0
+    #: The message of the error, if the status is ``failed``.
+    error: str | None = None
+    #: The translator's warnings about the scene.
+    warnings: tuple[str, ...] = ()
+    #: Why the picture is black, or None if it is not black.
+    black: str | None = None
+    #: Final width and height of the picture.
+    size: tuple[int, int] = (0, 0)
+    #: Number of the newest picture; None before the first.
+    picture: int | None = None
+    #: Names of the layers of the picture.
+    layers: tuple[str, ...] = ()
+    #: Ids of shapes and emitters -> their names and lines in the scene file.
+    names: Mapping[str, str] = field(default_factory=dict)
+    #: Progress of the image, 0 to 1.
+    progress: float = 0.0
+    #: Samples per pixel and noise (RMS error, white = 1) of the image; None if they are not known.
+    samples: float | None = None
+    noise: float | None = None
+    #: Seconds of rendering.
+    seconds: float = 0.0
+    #: The text of the moved view for the scene file; None if the camera was not moved.
+    view: str | None = None
+    #: Whether the camera can be moved.
+    movable: bool = False
+
+
+class Publisher:
+    """Holds the latest state and picture. Only one thread may call :meth:`publish`; any thread may read."""
+
+    def __init__(self, state: State) -> None:
+        self.state, self.closed = state, False
+        self.picture: Picture | None = None
+
+    def publish(self, picture: Picture | None = None, **changes: Any) -> None:
+        """Changes fields of the state, and replaces the picture unless ``picture`` is None."""
+        if picture is not None:
+            self.picture = picture
+            changes |= {"picture": picture.number, "layers": tuple(picture.layers)}
+        self.state = replace(self.state, **changes)
+
+    async def follow(self) -> AsyncIterator[State]:
+        """Yields the current state, and the latest state after each change, until the publisher is closed."""
+        last = None
+        while not self.closed:
+            if self.state is not last:
+                yield (last := self.state)
+            await asyncio.sleep(INTERVAL)
+
 
 #: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
 SECONDS = 0.4
@@ -53,9 +113,8 @@ class Viewer:
         self.scene: LoadedScene | None = None
         self._path, self._open_scene = path, open_scene
         self._spp, self._seed, self._denoise = spp, seed, denoise
-        #: The functions that :meth:`call` has scheduled, each with the future of its result. (After a signal, Python's
-        #: SimpleQueue may wait without end, even if it has a timeout.)
-        self._calls: Queue[tuple[Callable[[Viewer], Any], Future[Any]]] = Queue()
+        #: The thread that renders, one work item after the other, and the functions of :meth:`call` in between.
+        self._thread = ThreadPoolExecutor(1, "render")
         #: The moved camera that the page requests, None for that of the scene file; and the one that is shown.
         self.camera = self._shown = cast("Camera | None", None)
         #: The camera in the scene file that was opened last; None if the viewer cannot move this sensor. A move starts
@@ -74,9 +133,7 @@ class Viewer:
         """Schedules the short function ``work`` for the thread that renders, between two work items; returns a future
         of its result.
         """
-        future: Future[Any] = Future()
-        self._calls.put((work, future))
-        return future
+        return self._thread.submit(work, self)
 
     def close(self) -> None:
         """Ends the thread that renders, and the streams of states that the publisher sends to open pages."""
@@ -117,22 +174,6 @@ class Viewer:
         seen = {"scene": scene.scene, "sensor": scene.sensor, "image": picture.layers["final"]}
         return explanation.page(scene.file, pixel=(x, y), spp=self._spp, seed=self._seed, **seen)
 
-    def run_calls(self, timeout: float = 0.0) -> None:
-        """Executes all functions that :meth:`call` has scheduled; waits at most ``timeout`` seconds for the first.
-
-        The future gets the result or the exception. A function whose future was cancelled is not executed.
-        """
-        with suppress(Empty):
-            while True:
-                work, future = self._calls.get(timeout=timeout)
-                timeout = 0.0
-                if not future.set_running_or_notify_cancel():
-                    continue  # the caller stopped waiting, for example while a large scene was opened
-                try:
-                    future.set_result(work(self))
-                except Exception as error:  # noqa: BLE001 (the caller receives it)
-                    future.set_exception(error)
-
     # ---------------------------------------------------------------- rendering the requested image
 
     def run(self) -> None:
@@ -140,12 +181,11 @@ class Viewer:
         gc.collect()
         gc.freeze()  # later garbage collections then visit only younger objects
         try:
-            while not self.publisher.closed:
-                self.run_calls(INTERVAL if self._idle else 0.0)
-                try:
-                    self._advance()
-                except Exception as error:  # noqa: BLE001 (after any error of a scene, the viewer waits for the next change)
-                    self._fail(error)
+            with self._thread:
+                while not self.publisher.closed:
+                    self._thread.submit(self._advance).result()
+                    if self._idle:
+                        time.sleep(INTERVAL)
         finally:
             self._image = self.scene = None
             gc.unfreeze()
@@ -160,15 +200,18 @@ class Viewer:
 
     def _advance(self) -> None:
         """Does the next piece of work for the current request, if there is any."""
-        if not self.publisher.state.opened or self.watcher.changed():
-            self._open()
-        elif self.scene is None:  # the scene could not be opened
-            self._shown = self.camera
-        elif self.camera is not self._shown:
-            self.scene.look(self.camera)
-            self._begin(self.scene)
-        elif self._image is not None and not self._idle:
-            self._step(self.scene, self._image)
+        try:
+            if not self.publisher.state.opened or self.watcher.changed():
+                self._open()
+            elif self.scene is None:  # the scene could not be opened
+                self._shown = self.camera
+            elif self.camera is not self._shown:
+                self.scene.look(self.camera)
+                self._begin(self.scene)
+            elif self._image is not None and not self._idle:
+                self._step(self.scene, self._image)
+        except Exception as error:  # noqa: BLE001 (after any error of a scene, the viewer waits for the next change)
+            self._fail(error)
 
     # ---------------------------------------------------------------- a new scene or view
 

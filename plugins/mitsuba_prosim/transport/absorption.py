@@ -6,6 +6,8 @@ homogeneous media that only absorb light, and ignore media that scatter light or
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import drjit as dr
 import mitsuba as mi
 
@@ -14,6 +16,9 @@ from ..optics.nested import all_shapes, parts
 
 #: Albedo below which a medium does not scatter light. The maximum of a black spectrum may be 3e-8, a rounding error.
 MIN_ALBEDO = 1e-6
+
+#: The medium around a ray, or none, in the type of :attr:`.Ray.medium`.
+AnyMedium: TypeAlias = "mi.MediumPtr | mi.Medium | None"
 
 #: Length of a ray that meets nothing. A medium that absorbs light transmits nothing over this length.
 UNBOUNDED = 1e30
@@ -44,7 +49,7 @@ def only_absorbs(medium: mi.Medium) -> bool:
 
 
 def transmittance(
-    medium: mi.MediumPtr | mi.Medium | None, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
+    medium: AnyMedium, wavelengths: mi.Color0f, t: mi.Float, active: mi.Bool
 ) -> mi.UnpolarizedSpectrum | float:
     """Returns the fraction of light that ``medium`` does not absorb over the distance ``t`` in scene units; 1 without a
     medium that :func:`only_absorbs`, and in lanes that are not ``active``. ``wavelengths`` are in nm; empty except in
@@ -59,9 +64,7 @@ def transmittance(
     return dr.select(absorbs, dr.exp(-sigma_t * t), 1)
 
 
-def medium_beyond(
-    si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
-) -> mi.MediumPtr | mi.Medium | None:
+def medium_beyond(si: mi.SurfaceInteraction3f, medium: AnyMedium, d: mi.Vector3f, active: mi.Bool) -> AnyMedium:
     """Returns the medium around a ray that leaves the surface point ``si`` in the direction ``d``.
 
     It is ``medium``, around the ray that arrived at ``si``, if the surface has no media, and in lanes that are not
@@ -72,15 +75,13 @@ def medium_beyond(
     return dr.select(active & si.is_medium_transition(), si.target_medium(d), medium)
 
 
-def medium_before(
-    si: mi.SurfaceInteraction3f, medium: mi.MediumPtr | mi.Medium | None, d: mi.Vector3f, active: mi.Bool
-) -> mi.MediumPtr | mi.Medium | None:
+def medium_before(si: mi.SurfaceInteraction3f, medium: AnyMedium, d: mi.Vector3f, active: mi.Bool) -> AnyMedium:
     """Returns the medium around a camera ray, or around a photon from a light source, that arrives at ``si`` in the
     direction ``d``: ``medium``, or in ``active`` lanes without one the medium on this side of the surface.
     """
     return medium_beyond(si, medium, -d, active & (medium == pointer(None)))
 
 
-def pointer(medium: mi.Medium | None) -> mi.MediumPtr | mi.Medium | None:
+def pointer(medium: mi.Medium | None) -> AnyMedium:
     """Returns ``medium`` (or null) in the type of :attr:`.Ray.medium`: itself in scalar variants."""
     return mi.MediumPtr(medium) if dr.is_jit_v(mi.Float) else medium

@@ -22,8 +22,8 @@ from . import path, tree
 from .differentiable_loop import differentiable_loop
 from .radiance import Radiance
 from .ray import Ray
+from .shading import shade
 from .transport_context import Context
-from .vertex import shade
 from .workarounds import warn_of_lost_light
 
 #: About how many rays a path traces.

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.cli.progress import Progress
-from mitsuba_prosim.compare import measures, runs
+from mitsuba_prosim.compare import comparison, measures
 from mitsuba_prosim.compare.methods import ComparedScene, Spec
 from mitsuba_prosim.scene.scene_file import SceneFile
 from running import LIT_FLOOR, done, refused, scene_text
@@ -61,7 +61,7 @@ def test_measures_of_equal_images_and_order_of_unequal_ones():
 
 
 def converged(estimators, seconds=0.0):
-    reference = runs.Reference(estimators)
+    reference = comparison.Reference(estimators)
     assert list(reference.converge(seconds))[-1:] in ([], [1.0])
     return reference
 

@@ -7,8 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
+from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.scene.background import with_background_emitter
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without

@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 from prosim_scene import TemporaryFolder
 
-from ..compat import children
+from ..compat import children, instantiate
 from ..scene import scene_file, session
 
 #: The kinds of plugins that have tests: name of Mitsuba's class -> name.
@@ -102,8 +102,6 @@ class Subject:
 
     def load(self, **changes: Any) -> Any:
         """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""
-        config = mi.parser.ParserConfig(mi.variant() or "")
-        config.parallel = config.merge_meshes = False
         state, root = mi.parser.ParserState(self.state), mi.parser.SceneNode()
         root.type, root.props = state.nodes[self.node].type, mi.Properties(state.nodes[self.node].props)
         for key, value in changes.items():
@@ -112,9 +110,8 @@ class Subject:
             elif key in root.props:
                 del root.props[key]
         state.nodes[0] = root
-        mi.parser.transform_all(config, state)
         with session.search_path([self.source.parent] if isinstance(self.source, Path) else []):
-            loaded = mi.parser.instantiate(config, state)
+            loaded: Any = instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, self.types())
         loaded = loaded[0] if isinstance(loaded, list) else loaded
         for method in [one for cls in type(loaded).__mro__ for one in vars(cls).values() if inspect.isfunction(one)]:
             if inspect.getargs(method.__code__).args[-1:] == ["active"] and not method.__defaults__:

@@ -16,7 +16,6 @@ import numpy as np
 from ..scene import session
 from .inputs import octant, rows, to_drjit
 from .report import SKIPPED, Report
-from .statistics import chi_squared, welch
 from .subject import REFUSED, Subject
 
 #: Number of inputs, of groups of four wavelengths for each input, and of inputs of derivatives.
@@ -77,7 +76,7 @@ class Tests:
         """Compares two samples of light, each the light (channels, n) and where it is (3, n), in each octant."""
         for side in range(8):
             a, b = (v.mean(axis=0) * (octant(p) == side) for v, p in terms)
-            self.report.add(test, where=f"{where} octant {side}".strip(), **welch(a, b))
+            self.report.same_mean(test, a, b, f"{where} octant {side}".strip())
 
     def density(self, where: str, plugin: Any, ctx: Any, at: Callable[[int], Any]) -> None:
         """Samples of :meth:`draw` have the density of :meth:`evaluate`; ``at(n)`` returns n equal interactions."""
@@ -89,7 +88,7 @@ class Tests:
         def pdf(direction: Any) -> Any:
             return self.evaluate(plugin, ctx, at(dr.width(direction)), direction)[1]
 
-        self.report.add("samples follow pdf()", where=where, **chi_squared(sample, pdf))
+        self.report.density("samples follow pdf()", sample, pdf, where)
 
     def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = "", on: Any = True) -> None:
         """Weights and densities of samples are those of ``value`` and the ``stated`` density."""

@@ -10,8 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..inputs import interaction, rows, slopes, uniform
-from ..report import FAILS, NOTE, OK, SKIPPED
-from ..statistics import chi_squared, mean_is, normal_p, welch
+from ..report import FAILS, NOTE, OK, SKIPPED, normal_p
 from ..tests import Tests, motion
 
 #: Number of rays, and of pixels of a sampler with one sample each.
@@ -155,7 +154,7 @@ class Sampler(Tests):
         require("another seed gives other numbers", [np.mean(a == b) < 0.01])
         correlated = np.corrcoef(a, b) * np.sqrt(PIXELS)
         for i in range(9):
-            add("numbers have the mean 0.5", where=f"dimension {i}", **mean_is(a[i], 0.5, 0.5))
+            self.report.mean("numbers have the mean 0.5", a[i], 0.5, 0.5, f"dimension {i}")
             add("seeds are independent", where=f"dimension {i}", p_value=normal_p(correlated[i, i + 9]))
             for j in range(i):
                 z = correlated[i, j]  # strata of all pixels may depend on each other
@@ -171,7 +170,7 @@ class Sampler(Tests):
             sampler.seed(3, u.shape[1])
             return sampler.next_2d()
 
-        self.report.add("next_2d() is uniform", **chi_squared(sample, lambda _: mi.Float(1), 2))
+        self.report.density("next_2d() is uniform", sample, lambda _: mi.Float(1), dimensions=2)
 
 
 #: Images of each scene, with other seeds; pixels per side; blocks per side; samples per pixel.
@@ -231,7 +230,7 @@ class Integrator(Tests):
 
     def test_images(self, integrator: Any) -> None:
         """Blocks of images have the means of the reference, and at most four times its variance."""
-        add, biased = self.report.add, BIASED.get(self.subject.name)
+        add, same, biased = self.report.add, self.report.same_mean, BIASED.get(self.subject.name)
         skies = [{"sky": {"type": "constant", "radiance": v}, "ball": {"type": "sphere"}} for v in (1.0, 3.0)]
         dim, bright = (images(integrator, sky, 1) for sky in skies)
         if np.array_equal(dim, bright):
@@ -243,13 +242,13 @@ class Integrator(Tests):
                 continue
             a, b = images(limited, things), images(mi.load_dict({"type": "volpath", **given, **limits}), things)
             self.report.require("pixels are finite", np.isfinite(a), name)
-            add("images have the light of volpath", where=name, **welch(a.sum(axis=1), b.sum(axis=1), biased or 1e-4))
+            same("images have the light of volpath", a.sum(axis=1), b.sum(axis=1), name, biased or 1e-4)
             if biased:
                 words = f"it may move light between pixels; {biased:.0%} in all"
                 add("blocks have the light of volpath", SKIPPED, words)
                 continue
             for i in range(BLOCKS**2):
-                add("blocks have the light of volpath", where=f"{name}, block {i}", **welch(a[:, i], b[:, i]))
+                same("blocks have the light of volpath", a[:, i], b[:, i], f"{name}, block {i}")
             factor = float(a.var(axis=0).mean() / max(b.var(axis=0).mean(), 1e-12 + 1e-6 * b.mean() ** 2))
             verdict = NOTE if factor > FACTOR else OK
             add("variance is at most 4 times that of volpath", verdict, f"{factor:.2f} times", name)

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..inputs import contexts, directions, interaction, lit, rows, surface, uniform
 from ..report import FAILS, NOTE
-from ..statistics import chi_squared, mean_is, welch
 from ..tests import Tests
 
 #: Number of random inputs of a test without statistics, and of samples of a mean.
@@ -191,14 +190,14 @@ class BSDF(Tests):
             weight, *parts = (rows(one, SAMPLES) for _, one in found)
             pdf, kind = (rows(v, SAMPLES) for v in (found[0][0].pdf, found[0][0].sampled_type))
             brightest = weight[np.argmax(weight.mean(axis=1))]
-            self.report.add("albedo at most 1", where=angle, **mean_is(brightest, 0, 1.002))
+            self.report.mean("albedo at most 1", brightest, 0, 1.002, angle)
             if parts:
-                sums = welch(np.sum(parts, axis=(0, 1)) / len(weight), weight.mean(axis=0))
-                self.report.add("components add up to the whole", where=angle, **sums)
+                sums = np.sum(parts, axis=(0, 1)) / len(weight)
+                self.report.same_mean("components add up to the whole", sums, weight.mean(axis=0), angle)
             ideal = (kind[0].astype(int) & delta != 0) & (pdf[0] > 0)
             for stated in np.unique(pdf[0, ideal].round(4)):
-                share = mean_is(ideal & (np.abs(pdf[0] - stated) < 1e-4), stated - 1e-3, stated + 1e-3)
-                self.report.add("ideal lobes have their probability", where=f"{angle}, pdf {stated:.4f}", **share)
+                share, where = ideal & (np.abs(pdf[0] - stated) < 1e-4), f"{angle}, pdf {stated:.4f}"
+                self.report.mean("ideal lobes have their probability", share, stated - 1e-3, stated + 1e-3, where)
 
     def test_symmetry(self, bsdf: Any) -> None:
         """f(wi, wo) = f(wo, wi), where radiance one way is importance the other way."""
@@ -269,8 +268,7 @@ class Medium(Tests):
             mei = crossing(medium, u[0])
             return 1 - dr.exp(-mei.t * mi.unpolarized_spectrum(medium.get_majorant(mei))[0])
 
-        found = chi_squared(sample, lambda _: mi.Float(1), 1)
-        self.report.add("sampled distances are exponential", **found)
+        self.report.density("sampled distances are exponential", sample, lambda _: mi.Float(1), dimensions=1)
         mei = crossing(medium, mi.Float(uniform(INPUTS, 1, 3)[0]))
         far = interaction(mi.SurfaceInteraction3f, INPUTS, t=dr.full(mi.Float, dr.inf, INPUTS))
         through, pdf = medium.transmittance_eval_pdf(mei, far, mi.Bool(True))
@@ -337,7 +335,7 @@ class PhaseFunction(Tests):
             for name, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
                 self.density(f"{name}wi {direction}", phase, ctx, partial(seen, wi))
             weight = rows(self.draw(phase, mi.PhaseFunctionContext(), seen(wi, SAMPLES), u)[1], SAMPLES)[0]
-            self.report.add("the integral is 1", where=f"wi {direction}", **mean_is(weight, 0.997, 1.003))
+            self.report.mean("the integral is 1", weight, 0.997, 1.003, f"wi {direction}")
 
     def test_symmetry(self, phase: Any) -> None:
         """Light takes each path both ways; without the flag of anisotropy, only the angle matters."""

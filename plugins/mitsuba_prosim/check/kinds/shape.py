@@ -8,7 +8,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..inputs import directions, interaction, octant, rows, uniform
-from ..statistics import welch
 from ..tests import Tests
 
 #: Number of inputs without statistics, and of lines that measure the area.
@@ -67,8 +66,8 @@ class Shape(Tests):
         expected = float(rows(shape.surface_area())[0, 0]) / (2 * np.pi * radius**2)
         sampled = octant(rows(shape.sample_position(0.0, mi.Point2f(uniform(LINES, 2, 5))).p) - middle)
         for side in range(8):
-            here = welch(hits[side], expected * (sampled == side))
-            self.report.add("random lines find the area of sampled positions", where=f"octant {side}", **here)
+            test, found = "random lines find the area of sampled positions", expected * (sampled == side)
+            self.report.same_mean(test, hits[side], found, f"octant {side}")
 
     def test_directions(self, placed: Placed) -> None:
         """sample_direction() has the density of pdf_direction()."""

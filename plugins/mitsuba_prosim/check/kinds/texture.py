@@ -9,7 +9,6 @@ import mitsuba as mi
 import numpy as np
 
 from ..inputs import rows, slopes, surface, uniform
-from ..statistics import chi_squared
 from ..tests import Tests
 
 #: Number of places.
@@ -83,8 +82,14 @@ class Texture(Tests):
         """Places of sample_position() have the density of pdf_position()."""
         uv, pdf = texture.sample_position(mi.Point2f(uniform(INPUTS, 2, 5)))
         self.report.equal("pdf of a place = pdf_position()", pdf, texture.pdf_position(uv))
-        found = chi_squared(lambda u: texture.sample_position(u)[0], lambda p: texture.pdf_position(mi.Point2f(p)), 2)
-        self.report.add("samples follow pdf_position()", **found)
+
+        def sample(u: Any) -> Any:
+            return texture.sample_position(u)[0]
+
+        def density(p: Any) -> Any:
+            return texture.pdf_position(mi.Point2f(p))
+
+        self.report.density("samples follow pdf_position()", sample, density, dimensions=2)
 
     def test_transform(self, texture: Any) -> None:
         """to_uv transforms uv."""
@@ -113,8 +118,8 @@ class Texture(Tests):
             si.wavelengths, weight = texture.sample_spectrum(si, mi.sample_shifted(mi.Float(uniform(INPUTS, 1, 8)[0])))
             found = rows(weight) * rows(texture.pdf_spectrum(si))
             self.report.equal("weight of a wavelength = eval() / pdf_spectrum()", found, texture.eval(si))
-            found = chi_squared(sample, density, 1, mi.MI_CIE_MAX, mi.MI_CIE_MIN)
-            self.report.add("samples follow pdf_spectrum()", **found)
+            ends = mi.MI_CIE_MIN, mi.MI_CIE_MAX
+            self.report.density("samples follow pdf_spectrum()", sample, density, dimensions=1, ends=ends)
 
     def inputs(self, n: int) -> list[np.ndarray]:
         """Places, some beyond [0, 1)."""

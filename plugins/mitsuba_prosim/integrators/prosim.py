@@ -19,9 +19,8 @@ from ..parameters import choice, expose, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.radiance import KINDS
-from ..transport.settings import SETTINGS, Settings
 from ..transport.transport import Transport
-from ..transport.transport_context import DEEPEST_TREE
+from ..transport.transport_context import DEEPEST_TREE, SETTINGS, Settings
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives

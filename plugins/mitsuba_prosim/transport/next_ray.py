@@ -1,8 +1,13 @@
-"""Sampling of the next ray: the ray that leaves a vertex through one lobe (thesis, section 4.1)."""
+"""The rays that follow a vertex: sampling of a ray that leaves it through a lobe (thesis, section 4.1), Kajiya's paths,
+and Whitted's ray trees with distributed rays.
+
+The progress of a path or tree, :class:`Path` or :class:`Tree`, chooses the rays to follow.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -10,7 +15,7 @@ import mitsuba as mi
 from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
-from ..sampling.spaces import CHOICE, REFRACTED
+from ..sampling.spaces import CHOICE, REFRACTED, ROULETTE
 from . import lobes
 from .absorption import medium_beyond
 from .lobes import LobePoint
@@ -107,3 +112,122 @@ def lobe_point(context: Context, lobe: mi.BSDFContext, vertex: Vertex, points: P
     choice = points(space, active).x if stratified else points.choice(space)
     point = points(context.space(vertex.ray.node, direction_space(lobe)), active)
     return context.scattering.lobe_choice(points, space, choice), point
+
+
+# ---------------------------------------------------------------- paths (thesis, section 4.2.3)
+
+
+@dataclass
+class Path:
+    """The progress of Kajiya's path, in which one ray leaves each surface, through a specular or a diffuse lobe."""
+
+    #: Number of diffuse reflections so far. None where this number is unlimited: a variable that no iteration changes
+    #: makes Dr.Jit trace the loop twice.
+    bounces: mi.UInt32 | None
+    #: Product of the relative indices of refraction at the surfaces that the path crossed so far.
+    eta: mi.Float
+
+    @classmethod
+    def start(cls, context: Context, ray: Ray) -> Path:
+        """Returns the progress at the start of a path; ``ray`` is unused (:meth:`Tree.start` needs it)."""
+        return cls(mi.UInt32(0) if context.settings.diffuse_bounces >= 0 else None, mi.Float(1))
+
+    def proceed(self, context: Context, vertex: Vertex, points: Points, active: mi.Bool) -> tuple[Ray, mi.Bool, Path]:
+        """Samples the ray that continues the path after ``vertex``; returns ``(ray, active, path)``.
+
+        If the number of diffuse reflections is unlimited, the ray is sampled from all lobes together; else it leaves
+        through a specular or a diffuse lobe. Russian roulette begins at level ``rr_depth``: the probability of survival
+        is the greatest component of the throughput, times eta², but at most 0.95. ``active`` is unused
+        (:meth:`Tree.proceed` needs it).
+        """
+        bounces, node = self.bounces, vertex.ray.node
+        if bounces is None:
+            ray, continues, eta = next_ray(context, mi.BSDFContext(), vertex, points, vertex.active)
+        else:
+            ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
+        ray.node = node + 1
+        eta *= self.eta
+        # The factor eta² makes up for the scaling of radiance inside glass, which is not a loss of light.
+        survival = dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95)
+        survival = dr.select(ray.level >= context.settings.rr_depth, survival, 1)
+        ray, continues = roulette(ray, continues, survival, points.choice(context.space(node, ROULETTE)))
+        return ray, continues, Path(bounces, eta)
+
+
+def specular_or_diffuse(
+    context: Context, vertex: Vertex, points: Points, bounces: mi.UInt32
+) -> tuple[Ray, mi.Bool, mi.Float, mi.UInt32]:
+    """Returns ``(ray, active, eta, bounces)`` for one ray that leaves ``vertex`` through a specular or a diffuse lobe.
+
+    The function samples one ray of each, and chooses in proportion to the greatest component of its throughput, which
+    is then divided by the probability of the choice. After ``diffuse_bounces`` diffuse reflections, counted by
+    ``bounces``, all rays are specular. ``eta`` is that of :func:`.next_ray`.
+    """
+    specular, reflects, eta = next_ray(context, lobes.only(lobes.SPECULAR), vertex, points, vertex.active)
+    may_scatter = vertex.active & (bounces < context.settings.diffuse_bounces)
+    diffuse, scatters, _ = next_ray(context, lobes.only(lobes.DIFFUSE), vertex, points, may_scatter)
+    diffuse = replace(diffuse, light_found=mi.Bool(True))  # by light sampling and photons at ``vertex``
+    specular_weight = dr.select(reflects, dr.max(specular.throughput), 0)
+    diffuse_weight = dr.select(scatters, dr.max(diffuse.throughput), 0)
+    total = specular_weight + diffuse_weight
+    p_diffuse = dr.select(total > 0, diffuse_weight / dr.select(total > 0, total, 1), 0)
+    # With the workarounds, the space CHOICE already chose a lobe. A path uses the space REFRACTED for nothing else.
+    # Without the workarounds, no BSDF has a diffuse lobe and two specular lobes: the number in CHOICE is still unused.
+    choice = REFRACTED if context.scattering.needs_workarounds else CHOICE
+    takes_diffuse = points.choice(context.space(vertex.ray.node, choice)) < p_diffuse
+    diffuse_state, specular_state = (diffuse, scatters, mi.Float(1), bounces + 1), (specular, reflects, eta, bounces)
+    ray, active, eta, bounces = dr.select(takes_diffuse, diffuse_state, specular_state)
+    ray.throughput *= dr.rcp(dr.detach(dr.select(takes_diffuse, p_diffuse, 1 - p_diffuse)))
+    return ray, active, eta, bounces
+
+
+# ---------------------------------------------------------------- ray trees (thesis, sections 4.1, 4.2)
+
+
+@dataclass
+class Tree:
+    """The progress of a ray tree, in which a ray continues as a reflected and a refracted ray: the stack of refracted
+    rays that are not followed yet, ``count`` of them, at most one for each level.
+
+    The rays are separate variables in registers: a local array would be slower, and is not reliable in Dr.Jit 1.5.
+    """
+
+    rays: list[Ray]
+    count: mi.UInt32
+
+    @classmethod
+    def start(cls, context: Context, ray: Ray) -> Tree:
+        """Returns an empty stack, filled with ``ray``; it has no slots if no vertex can have two rays."""
+        rays = [ray] * (context.settings.max_level + 1) if context.reflects and context.refracts else []
+        return cls(rays, dr.opaque(mi.UInt32, 0))  # opaque, as in Context.first
+
+    def proceed(self, context: Context, vertex: Vertex, points: Points, active: mi.Bool) -> tuple[Ray, mi.Bool, Tree]:
+        """Samples the reflected and the refracted ray at ``vertex``; returns ``(ray, active, tree)``: the next ray to
+        follow, the lanes that have one, and the new progress.
+
+        ``active`` tells which lanes had not finished their ray tree. If both rays exist, the reflected ray is next, and
+        the refracted ray is pushed onto the stack. If neither exists, the last ray of the stack is next.
+        """
+
+        def branch(follows: bool, names: Sequence[str]) -> tuple[Ray, mi.Bool]:
+            """Returns the ray that leaves the vertex through the lobes ``names``, and the lanes in which it exists and
+            survives Russian roulette, which begins at a throughput below ``rr_throughput``.
+            """
+            if not follows:
+                return vertex.ray, mi.Bool(False)
+            ray, active, _ = next_ray(context, lobes.only(names), vertex, points, vertex.active)
+            if (limit := context.settings.rr_throughput) == 0:
+                return ray, active
+            survival = dr.max(ray.throughput) / dr.opaque(mi.Float, limit)
+            return roulette(ray, active, survival, points.choice(context.space(ray.node, ROULETTE)))
+
+        reflected, reflects = branch(context.reflects, lobes.REFLECTED)
+        refracted, refracts = branch(context.refracts, lobes.REFRACTED)
+        ray, continues, both = dr.select(reflects, reflected, refracted), reflects | refracts, reflects & refracts
+        resumes = but_not(active & (self.count > 0), continues)
+        rays = []
+        for slot, waiting in enumerate(self.rays):
+            ray = dr.select(resumes & (self.count == slot + 1), waiting, ray)
+            rays.append(dr.select(both & (self.count == slot), refracted, waiting))
+        count = dr.select(both, self.count + 1, dr.select(resumes, self.count - 1, self.count))
+        return ray, continues | resumes, Tree(rays, count)

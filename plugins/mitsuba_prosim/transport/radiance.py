@@ -5,13 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
-
-if TYPE_CHECKING:
-    from .settings import Settings
 
 #: Allowed values of the parameter ``layers``.
 KINDS = ("none", "lights")
@@ -39,13 +35,10 @@ class Radiance:
         return Radiance(self.total + value, [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)])
 
 
-def layer_numbers(settings: Settings, emitters: Sequence[mi.Emitter]) -> dict[str, int]:
-    """Returns the name of each layer and its number: those of the ``emitters``, then "background" and "ambient" if the
-    image has these; empty without layers. Raises ValueError for more than :data:`MAX_LAYERS`.
+def layer_numbers(emitters: Sequence[mi.Emitter], constant: Sequence[str]) -> dict[str, int]:
+    """Returns the name of each layer and its number: those of the ``emitters``, then the ``constant`` names, which are
+    "background" and "ambient" if the image has these. Raises ValueError for more than :data:`MAX_LAYERS`.
     """
-    if settings.layers == "none":
-        return {}
-    constant = ["background"] * (settings.background is not None) + ["ambient"] * (settings.ambient is not None)
     names = [*light_names(emitters), *constant]
     if len(names) > MAX_LAYERS:
         raise ValueError(

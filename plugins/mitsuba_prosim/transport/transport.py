@@ -18,8 +18,8 @@ from ..registry import create
 from ..sampling.nrook import NRook, SamplerPoints
 from ..sampling.sobol import Points, Sobol
 from ..sampling.spaces import CAMERA_SPACES
-from . import path, tree
 from .differentiable_loop import differentiable_loop
+from .next_ray import Path, Tree
 from .radiance import Radiance
 from .ray import Ray
 from .shading import shade
@@ -39,8 +39,7 @@ class State:
     alpha: mi.Float | None
     ray: Ray
     active: mi.Bool
-    #: The rays of the tree that are still to follow, or the counters of the path.
-    progress: tree.Stack | path.Counters
+    progress: Tree | Path
     #: The ``mi.Sampler`` that draws the sampling points; None where the points have no state.
     sampler: mi.Sampler | None
 
@@ -65,8 +64,7 @@ class Transport(Context):
         The opacity is 1, less the throughput with which the ray leaves the scene, straight through holes of surfaces,
         where it sees neither the sky nor the background.
         """
-        # The module whose functions ``start`` and ``proceed`` choose the rays to follow.
-        walk: Any = tree if self.settings.follows_tree else path
+        walk: Any = Tree if self.settings.follows_tree else Path
 
         def step(state: State) -> State:
             L, vertex = shade(self, state.ray, ray, points, state.active)
@@ -75,13 +73,13 @@ class Transport(Context):
                 escaped = but_not(state.active & vertex.ray.is_visible, vertex.si.is_valid())
                 throughput = dr.mean(mi.unpolarized_spectrum(dr.detach(vertex.ray.throughput)))
                 alpha = alpha - dr.select(escaped, throughput, 0)
-            next_ray, next_active, progress = walk.proceed(self, vertex, points, state.active, state.progress)
+            next_ray, next_active, progress = state.progress.proceed(self, vertex, points, state.active)
             return State(state.L + L, alpha, next_ray, next_active, progress, state.sampler)
 
         first, sampler = self.first(ray), points.sampler if isinstance(points, SamplerPoints) else None
         alpha = None if self.shows_sky else mi.Float(1)
         state = State(self.no_light(), alpha, first, mi.Bool(active), walk.start(self, first), sampler)
-        if walk is tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
+        if walk is Tree and not (self.reflects or self.refracts):  # no ray follows the camera ray
             state = step(state)
         elif self.attached:
             state = differentiable_loop(state, step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import drjit as dr
@@ -18,8 +18,33 @@ from .absorption import absorbs_any, pointer
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
-from .settings import Settings
 from .workarounds import warn_of_blends_in_maps
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the light transport; the plugin page :ref:`integrator-prosim` explains each setting."""
+
+    max_level: int
+    shadows: bool
+    ambient: mi.Texture | None
+    background: mi.Texture | None
+    diffuse_bounces: int
+    cutoff: float
+    rr_depth: int
+    rr_throughput: float
+    hide_emitters: bool
+    layers: str
+
+    @property
+    def follows_tree(self) -> bool:
+        """Whether the integrator follows Whitted's ray tree, which has no diffuse rays, instead of paths."""
+        return self.diffuse_bounces == 0
+
+
+#: Names of the settings.
+SETTINGS = tuple(field.name for field in fields(Settings))
+
 
 #: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
 DEEPEST_TREE = 24
@@ -55,7 +80,8 @@ class Context:
         self.caustics, self.photon_mis = caustics, None if caustics is None else caustics.mis
         self.lights = Lights(scene, choose=not settings.follows_tree)
         #: The number of each layer; whether there are layers; the channel names of the layers.
-        self.layers = layer_numbers(settings, self.lights.emitters)
+        constant = [name for name in ("background", "ambient") if getattr(settings, name) is not None]
+        self.layers = {} if settings.layers == "none" else layer_numbers(self.lights.emitters, constant)
         self.has_layers = bool(self.layers)
         self.aov_names = [f"{name}.{letter}" for name in self.layers for letter in "RGB"]
         if settings.diffuse_bounces >= 0:

@@ -12,10 +12,9 @@ from mitsuba_prosim.engine.error_target import limit_by_photons
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics, diffuse_radiance
-from mitsuba_prosim.photons.emission import Sources, start_points
+from mitsuba_prosim.photons.emission import Sources, Targets, is_specular, merged, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
-from mitsuba_prosim.photons.targets import Targets, is_specular, merged
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
 from mitsuba_prosim.transport.scattering import Scattering

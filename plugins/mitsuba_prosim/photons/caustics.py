@@ -11,10 +11,9 @@ from ..sampling.hash import combine, hash32
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
-from .emission import Sources, start_points
+from .emission import Sources, Targets, is_specular, start_points, warn_of_light_missed_by_trees
 from .grid import MIN_COSINE, Footprint, Photons, gather
 from .mis import PhotonMIS
-from .targets import Targets, is_specular, warn_of_light_missed_by_trees
 from .tracing import PhotonTracer
 
 #: Maximum number of photon maps in a photon pass.

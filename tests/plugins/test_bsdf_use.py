@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, bitmap, only
+from scenes import FLAT, bitmap, derivative, only
 
 SPECULAR = mi.BSDFFlags.DeltaReflection
 
 
 INDICES = {"type": "rgb", "value": [1.3, 1.8, 2.6]}
+GROOVES = {"type": "prosim_conductor", "alpha": 0.4, "multiple_scattering": True}
 
 
 @pytest.mark.parametrize("spectral", [False, True])
@@ -198,6 +199,37 @@ def test_changed_reflectances_create_no_energy(variant_rgb, name, more, kd, ks):
     dr.backward(dr.mean(bsdf.eval(mi.BSDFContext(), si, wo).x))
     by_kd, by_ks = (dr.grad(parameters[key])[0] for key in names)
     assert np.isfinite([by_kd, by_ks]).all() and by_ks == 0 and (by_kd == 0) == (kd > 1)
+
+
+@pytest.mark.parametrize(
+    "key, at, bsdf",
+    [
+        ("alpha.value", 0.4, {"type": "prosim_conductor", "alpha": 0.4}),
+        pytest.param("alpha.value", 0.4, GROOVES, marks=pytest.mark.slow),
+        ("alpha.value", 0.4, {"type": "prosim_dielectric", "alpha": 0.4}),
+        ("eta", 1.5, {"type": "prosim_dielectric"}),
+        ("eta", 1.5, {"type": "prosim_composite", "alpha": 0.4}),
+        ("diffuse_reflectance.value", 0.3, {"type": "prosim_composite", "alpha": 0.4}),
+        ("diffuse_reflectance.value", 0.3, {"type": "prosim_phong", "exponent": 9.0, "specular_reflectance": 0.5}),
+    ],
+)
+def test_derivative_of_a_sample_is_a_finite_difference(variant_rgb, key, at, bsdf):
+    """Of the light from a sky that is brighter on one side, in the mean of a million samples, as in ``direct``."""
+    bsdf, n, h = mi.load_dict(bsdf), 1 << 20, 0.02
+    params, si = mi.traverse(bsdf), dr.zeros(mi.SurfaceInteraction3f, n)
+    si.wi = mi.Vector3f(0.8, 0, 0.6)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, n)
+    u = sampler.next_1d(), sampler.next_2d()
+
+    def light(value):
+        params[key] = value
+        params.update()
+        bs, weight = bsdf.sample(mi.BSDFContext(), si, *u)
+        return dr.mean(weight.x * (1 + bs.wo.x))
+
+    difference = (light(mi.Float(at + h)) - light(mi.Float(at - h)))[0] / (2 * h)
+    assert derivative(light, at) == pytest.approx(difference, rel=0.02, abs=0.01)
 
 
 def test_loaded_phong_keeps_a_sum_above_1(variant_rgb):

@@ -129,9 +129,9 @@ class Conductor(Material):
         """
         if self.roughness is None:
             return mi.reflect(si.wi), mi.UInt32(0), mi.Float(1), self.reflected(si, active)(si.wi.z)
-        wo = self.sample_facets(si, sample1, sample2, active)
+        wo = dr.detach(self.sample_facets(si, sample1, sample2, active))
         value, pdf = self.eval_pdf(ctx, si, wo, active)
-        return wo, mi.UInt32(0), pdf, mi.unpolarized_spectrum(value) / dr.select(pdf > 0, pdf, 1)
+        return wo, mi.UInt32(0), pdf, mi.unpolarized_spectrum(value) / dr.detach(dr.select(pdf > 0, pdf, 1))
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         return self.eval_facets(si, wo, self.reflected(si, active), active)

@@ -217,6 +217,7 @@ class Dielectric(Material):
             pdf = dr.select(reflected, mean, chosen * (1 - face.f)) if both else dr.select(reflected, 1, chosen)
             pdf = divisor = dr.detach(mi.Float(pdf))
         else:
+            bs.wo = dr.detach(bs.wo)
             active = active & (i_m * si.wi.z > 0) & (bs.wo.z != 0) & (((si.wi.z > 0) == (bs.wo.z > 0)) == reflected)
             # The total reflection of this wavelength may be partial for others.
             value, pdf = self.eval_pdf(ctx, si, bs.wo, active & (reflected | (face.cos_t != 0)))

@@ -267,7 +267,8 @@ class Pigmented(Material):
         is_specular, mirror = sample1 < p_specular, self.roughness is None
         wo = mi.warp.square_to_cosine_hemisphere(sample2) if diffuse else mi.Vector3f(0, 0, 1)
         if specular:
-            lobe = mi.reflect(si.wi) if mirror else self.specular_sample(si, sample1 / p_specular, sample2, active)
+            u1 = sample1 / p_specular
+            lobe = mi.reflect(si.wi) if mirror else dr.detach(self.specular_sample(si, u1, sample2, active))
             wo = dr.select(is_specular, lobe, wo)
         value, pdf = self.eval_pdf(ctx, si, wo, active)
         value = mi.unpolarized_spectrum(value)
@@ -275,7 +276,7 @@ class Pigmented(Material):
             value = dr.select(is_specular, self.specular_weight(si, active), value)
             pdf = dr.select(is_specular, p_specular, pdf)
         pdf = dr.select(wo.z > 0, pdf, 0)
-        return wo, dr.select(is_specular, mi.UInt32(0), 1), pdf, value / dr.select(pdf > 0, pdf, 1)
+        return wo, dr.select(is_specular, mi.UInt32(0), 1), pdf, value / dr.detach(dr.select(pdf > 0, pdf, 1))
 
     def evaluate(self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool) -> Evaluated:
         specular, diffuse = self.enabled(ctx)

@@ -375,8 +375,8 @@ def outer_normal(shape: mi.Shape, p: mi.Point3f, n: mi.Normal3f) -> mi.Normal3f:
     """Returns the normal that a ray meets at the sampled point ``p`` of ``shape``, whose sampled normal is ``n``."""
     import numpy as np
 
-    if is_mirrored_cylinder(shape):
-        return -n
+    if shape.class_name() == CYLINDER:
+        return mi.Normal3f(dr.mulsign(n, dr.det(mi.Matrix3f(shape_transform(shape).matrix))))
     if shape.class_name() != SPHERE:
         return n
     if not dr.flag(dr.JitFlag.FreezingScope):  # while dr.freeze records a function, no transform can be read

@@ -39,7 +39,7 @@ PATHS = {"type": "prosim", "adaptive": "none", "max_level": 0, "diffuse_bounces"
 INTEGRATORS = {
     "tree": ({"type": "prosim", "adaptive": "none", "max_level": 0}, 2),
     "paths": (PATHS, 2),
-    "caustics": ({"type": "prosim", "adaptive": "none", "max_level": 1, "caustics": 100_000}, 3),
+    "caustics": ({"type": "prosim", "adaptive": "none", "max_level": 1, "caustics": True}, 3),
     "adaptive": ({"type": "prosim_adaptive", "path": {"type": "path", "max_depth": 2}}, 2),
 }
 #: Width of an image, and samples of a pixel.

@@ -68,7 +68,7 @@ def next_mitsuba(variant_rgb, monkeypatch):
 
 def window():
     """A scene through our own sensor, with photons off a mesh of glass."""
-    scene = penumbra(size=8, type="prosim", caustics=2000, samples=2)
+    scene = penumbra(size=8, type="prosim", caustics=True, caustic_photons=2000, samples=2)
     scene["sensor"] |= {"type": "prosim_window"}
     del scene["sensor"]["fov"]
     corners = [[0.5, 0.3, 1], [1, 0.3, 1.5], [0.5, 0.3, 2], [0, 0.3, 1.5]]

@@ -305,3 +305,23 @@ def test_a_small_lamp_near_a_mirror_shines_far_from_the_origin_too(variant_rgb, 
     error = np.hypot(here.std(ddof=1), there.std(ddof=1)) / np.sqrt(8)
     # Mitsuba's rays start 0.009 off the surface there, which brightens a rough one by some per cent.
     assert -4 * error < there.mean() - here.mean() < 4 * error + 0.08 * here.mean()
+
+
+def test_a_lamp_that_grows_from_nothing_lights_as_a_new_one(variant_rgb):
+    """Nothing samples a shape without area; the first render had found that out for the later ones."""
+    up, integrator = T().translate([0, 3, 0]).rotate([1, 0, 0], 90), mi.load_dict({"type": "path", "max_depth": 2})
+
+    def scene(scale):
+        return load_scene(
+            sensor=camera([0, 1.5, 7], [0, 0.5, 0], film(4)),
+            floor=ground(3, diffuse(0.8, 0.8, 0.8)),
+            lamp={"type": "rectangle", "to_world": up.scale(scale), "emitter": {"type": "prosim_area"}},
+        )
+
+    grown = scene(1e-30)
+    params = mi.traverse(grown)
+    assert not np.any(mi.render(grown, integrator=integrator, spp=16))
+    params["lamp.to_world"] = mi.AffineTransform4f(up.matrix)
+    params.update()
+    images = [mi.render(each, integrator=integrator, spp=16) for each in (grown, scene(1))]
+    assert np.array_equal(*images) and np.any(images)

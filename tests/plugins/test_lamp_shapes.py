@@ -206,6 +206,6 @@ def test_other_shapes_of_the_process_do_not_matter(variant_rgb, tmp_path, strang
     glossy = {"type": "roughconductor", "alpha": 0.3}
     scene = lit(panel, glossy, ball=ball, **more, **({} if elsewhere else things))
     settings = {"max_level": 2} if lamps == 1 else {"max_level": 2, "diffuse_bounces": 2}
-    integrator = mi.load_dict({"type": "prosim", "samples": 1, "caustics": 2000, **settings})
+    integrator = mi.load_dict({"type": "prosim", "samples": 1, "caustics": True, "caustic_photons": 2000, **settings})
     assert np.array(integrator.render(scene)).mean() > 0.01
     del other

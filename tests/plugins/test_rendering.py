@@ -81,7 +81,14 @@ def test_a_frozen_function_is_refused(variant_rgb):
 
 
 @pytest.mark.parametrize(
-    "shape", [{"type": "sphere", "center": [0, 0, 2]}, {"type": "rectangle", "flip_normals": True}, {"type": "cube"}]
+    "shape",
+    [
+        {"type": "sphere", "center": [0, 0, 2]},
+        {"type": "rectangle", "flip_normals": True},
+        {"type": "cube"},
+        {"type": "cylinder"},
+        {"type": "cylinder", "flip_normals": True},
+    ],
 )
 @alone()  # see alone: the collector must not free scenes while a kernel is traced
 def test_lamps_light_in_a_frozen_function(variant_rgb, shape):

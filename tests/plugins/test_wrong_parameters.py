@@ -12,7 +12,9 @@ SUM = "diffuse_reflectance + specular_reflectance"
 CONE = {"distribution": "cone", "angle": 25.0, "direction": [-1, -2, 0]}
 SPECTRUM = {"type": "spectrum", "value": [(400, 1.0), (700, -1.0)]}
 PATH = {"a": {"type": "path"}}
-FACETS = ("conductor", "composite", "dielectric")
+FLAGS = [(f"prosim_{k}", "multiple_scattering", 1.0) for k in ("conductor", "composite", "dielectric")]
+FLAGS += [("prosim_area", "unattenuated", "no"), ("prosim_brick", "solid", "false"), ("prosim", "shadows", 0)]
+FLAGS += [("prosim", "caustics", 2000)]
 BRICK = {"brick_width": 0.0, "brick_height": -1.0, "mortar_width": -0.1, "smoothing": -1.0}
 STRIPES = {"frequency": 0.0, "duty": 1.5, "axis": [0, 0, 1]}
 FRACTAL = {"scale": 0.0, "octaves": 17, "gain": -1.0, "lacunarity": 0.0, "seed": -1}
@@ -50,7 +52,7 @@ WRONG = [
     ("prosim_conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
     ("prosim_conductor", {"material": "Cu", "k": 1.0}, '"k"|material|Cu'),
     ("prosim_conductor", {"fresnel": "schlick"}, "fresnel|schlick|exact or thesis"),
-    *((f"prosim_{k}", {"multiple_scattering": 1.0}, "multiple_scattering|true or false") for k in FACETS),
+    *((plugin, {name: value}, f'"{name}" is |; allowed: true or false') for plugin, name, value in FLAGS),
     ("prosim_dielectric", {"int_ior": "glas"}, "int_ior|glas|a number > 0, or |vacuum|bk7"),
     ("prosim_dielectric", {"int_ior": RGB}, "int_ior|0.4|> 0"),
     ("prosim_dielectric", {"alpha": "rough"}, "alpha|rough|a number, a colour or a texture"),

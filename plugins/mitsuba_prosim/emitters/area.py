@@ -113,6 +113,10 @@ class Area(Source):
         self.m_flags = mi.EmitterFlags.Surface | (mi.EmitterFlags.SpatiallyVarying if varies else 0)
         self._has_points: bool | None = None
 
+    def parameters_changed(self, keys: list[str]) -> None:
+        self._has_points = None  # Mitsuba calls this also when the shape has changed
+        super().parameters_changed(keys)
+
     def can_be_sampled(self) -> bool:
         """Tells whether the emitter has a shape, and :func:`.has_points`; it does not examine the shape in each trace,
         where a garbage collection would be fatal (:mod:`..alone`).

@@ -15,7 +15,7 @@ from ..alone import alone_if_traced
 from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..light.source import read_emission, shown
-from ..parameters import choice, expose, number, reject, whole
+from ..parameters import choice, expose, flag, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.radiance import KINDS
@@ -227,12 +227,12 @@ class Prosim(ProgressiveIntegrator):
         if self.diffuse_bounces == 0 and not 0 <= self.max_level <= DEEPEST_TREE:
             allowed = f"0 to {DEEPEST_TREE} for a ray tree (-1, any level, goes with diffuse_bounces)"
             raise reject(props, "max_level", self.max_level, allowed)
-        self.shadows = props.get("shadows", True)
+        self.shadows = flag(props, "shadows", True)
         self.ambient = read_emission(props, "ambient")
         self.background = read_emission(props, "background")
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
-        self.caustics = props.get("caustics", False)
+        self.caustics = flag(props, "caustics")
         self.rr_throughput = number(props, "rr_throughput", 0.01 if self.caustics else 0.0, 0)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
         self.layers = choice(props, "layers", KINDS)

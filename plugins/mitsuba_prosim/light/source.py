@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..parameters import choice, constant_values, describe, expose, for_message, number, reject
+from ..parameters import choice, constant_values, describe, expose, flag, for_message, number, reject
 from ..registry import create
 
 #: Allowed values of the parameter ``distribution`` -> the further parameters that each value needs.
@@ -34,7 +34,7 @@ class Source(mi.Emitter):
         if "to_world" in props:
             raise reject(props, "to_world", "a transform", place)
         self.quantity, self.emission = quantity, read_emission(props, quantity, 1.0)
-        self.unattenuated = props.get("unattenuated", False)
+        self.unattenuated = flag(props, "unattenuated")
         self.distribution = choice(props, "distribution", tuple(DISTRIBUTIONS))
         for name in DISTRIBUTIONS["spot"]:  # a spot has all further parameters
             if name in props and name not in DISTRIBUTIONS[self.distribution]:

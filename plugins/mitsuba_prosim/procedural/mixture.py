@@ -14,7 +14,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..parameters import describe, expose, number
+from ..parameters import describe, expose, flag, number
 
 
 class Mixture(mi.Texture):
@@ -34,7 +34,7 @@ class Mixture(mi.Texture):
         """Reads both textures, ``solid``, ``to_local`` and ``smoothing``."""
         super().__init__(props)
         self.base, self.top = (props.get_texture(*part) for part in (self.BASE, self.TOP))
-        self.solid = props.get("solid", False)
+        self.solid = flag(props, "solid")
         self.to_local = mi.AffineTransform4f(props.get("to_local", mi.ScalarTransform4f()).matrix)
         self.smoothing = mi.Float(number(props, "smoothing", 0.0, 0))
 

@@ -12,9 +12,9 @@ import click
 #: Name of a command -> (its module and function, its description).
 COMMANDS = {
     "check": ("mitsuba_prosim.cli.check_command:check", "Test whether a plugin is right."),
-    "compare": ("mitsuba_prosim.cli.compare_command:compare", "Compare two integrators or samplers on a scene."),
+    "compare": ("mitsuba_prosim.cli.pages:compare", "Compare two integrators or samplers on a scene."),
     "doctor": ("mitsuba_prosim.cli.doctor:doctor", "Print versions, backends and problems."),
-    "explain": ("mitsuba_prosim.cli.explain_command:explain", "Explain why a pixel of a scene has its value."),
+    "explain": ("mitsuba_prosim.cli.pages:explain", "Explain why a pixel of a scene has its value."),
     "format": ("mitsuba_prosim.cli.translate:format_scene", "Rewrite scenes in canonical layout."),
     "language-server": ("prosim_scene.editor.language_server:language_server", "Help an editor with scenes."),
     "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),

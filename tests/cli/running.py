@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from click.testing import CliRunner
-from mitsuba_prosim.cli.progress import Progress
+from mitsuba_prosim.cli.terminal import Progress
 from mitsuba_prosim.stock_command import stand_ins
 from prosim_start import group
 

@@ -5,7 +5,7 @@ import re
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.cli.progress import Progress
+from mitsuba_prosim.cli.terminal import Progress
 from mitsuba_prosim.compare import comparison, measures
 from mitsuba_prosim.compare.methods import ComparedScene, Spec
 from mitsuba_prosim.scene.scene_file import SceneFile

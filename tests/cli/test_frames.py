@@ -6,7 +6,7 @@ import signal
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import files
-from mitsuba_prosim.cli.progress import Progress
+from mitsuba_prosim.cli.terminal import Progress
 from running import XML, metadata, names, pixels, prosim, refused
 from running import done as run
 from scenes import kernels

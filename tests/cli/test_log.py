@@ -8,8 +8,7 @@ import sys
 
 import mitsuba as mi
 import pytest
-from mitsuba_prosim.cli.log import log
-from mitsuba_prosim.cli.progress import Progress
+from mitsuba_prosim.cli.terminal import Progress, log
 from running import PIPES
 from waiting import PATIENCE, started
 

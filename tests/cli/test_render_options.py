@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import prosim_scene
 import pytest
-from mitsuba_prosim.cli import progress, render_commands
+from mitsuba_prosim.cli import render_commands, terminal
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
@@ -132,8 +132,8 @@ def test_a_resolution_that_distorts_is_warned_of(palito, tmp_path, variant_rgb, 
 
 def test_progress_is_shown_from_the_beginning(scene, monkeypatch):
     """On a terminal there is a word before the first step, while kernels are compiled."""
-    words, terminal = [], SimpleNamespace(isatty=lambda: True, write=str, flush=str)
-    monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=terminal))
+    words, screen = [], SimpleNamespace(isatty=lambda: True, write=str, flush=str)
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=screen, stdout=screen))
     for name in "refresh", "update":
         monkeypatch.setattr(tqdm, name, lambda self, *_, **__: words.append(self.desc))
     scene.write_text(XML.replace('"path"/>', '"prosim"><integer name="samples" value="2"/></integrator>'))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim import atomic
 from mitsuba_prosim.cli import files, render_task
-from mitsuba_prosim.cli.interrupts import interruptible
+from mitsuba_prosim.cli.terminal import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text

@@ -18,8 +18,8 @@ from ..engine import environment
 from ..scene import images, scene_file
 from .job import Job
 from .option_types import input_errors
-from .progress import Progress
 from .render_task import RenderTask, Resources, render_image
+from .terminal import Progress
 
 #: The key, in the metadata of a frame's EXR file, of the frame's :func:`digest`.
 DIGEST = "prosim.digest"

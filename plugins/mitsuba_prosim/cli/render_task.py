@@ -25,11 +25,9 @@ from ..engine.plan import TARGETS
 from ..explaining.verdict import end_cause
 from ..scene import black, images, rendering, scene_file, session
 from . import files, report
-from .interrupts import interruptible
 from .job import Job, refuse_scalar
-from .log import log
 from .option_types import InputError, input_errors, require_extra
-from .progress import Progress
+from .terminal import Progress, interruptible, log
 
 if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage

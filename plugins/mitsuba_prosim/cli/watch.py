@@ -16,11 +16,10 @@ from .. import atomic
 from ..explaining.verdict import end_cause
 from ..scene import images, session
 from .files import SCENE_FILE
-from .interrupts import interruptible
 from .job import OPTIONS, Command, Job, job_options, refuse_scalar
-from .log import log
 from .option_types import Integer, option, require_extra
 from .report import metadata
+from .terminal import interruptible, log
 
 #: Options of prosim render that prosim watch does not have: options for output files, other processes, and animations.
 LEFT_OUT = ("output", "exposure", "checkpoint", "snapshots", "crop", "workers", "cluster", "part", "frames")

@@ -1,5 +1,9 @@
-"""``prosim compare``: compares two integrators or samplers on a scene, and writes an HTML page with the results."""
+"""``prosim compare`` and ``prosim explain``: write an HTML page that compares integrators or samplers on a scene, or
+explains why a pixel has its value.
+"""
 
+import shlex
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,10 +13,10 @@ import mitsuba as mi
 
 from . import files
 from .files import SCENE_FILE
-from .job import Command, Job, job_options
-from .option_types import Integer, Number, input_errors, option, require_extra
-from .progress import Progress
+from .job import Command, Job, job_options, refuse_scalar
+from .option_types import Integer, Number, PatternType, input_errors, integers, option, require_extra
 from .render_task import Resources
+from .terminal import Progress
 
 
 @click.command(cls=Command)
@@ -33,21 +37,20 @@ def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> 
     writes a page with the results, SCENE-compare.html, to the scene's folder.
     """
     require_extra("compare", "prosim compare")
-    scene = Path(job.scene)
-    stem = files.output_stem(job.output, scene.with_name(scene.stem + "-compare"), [".html"])
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):
         raise click.ClickException(f"prosim compare can't use {job.variant}; give an rgb variant that is not scalar.")
 
     from ..compare import comparison, comparison_page, methods
 
+    stem = page_stem(job, "compare", 2**23)
     with Resources(job) as resources:
         with input_errors():
             specs = methods.Spec(a), methods.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
             compared_scene = methods.ComparedScene(job.read_scene(resources.folder))
             exposure = job.exposure or 0.0
-            compared = comparison.Comparison(compared_scene, scene.name, *specs, rounds, reference_seconds, exposure)
-        files.check(stem, [".html"], 2**23, [scene])  # 8 MiB is about the size of the page
+            name = Path(job.scene).name
+            compared = comparison.Comparison(compared_scene, name, *specs, rounds, reference_seconds, exposure)
         with Progress("comparing") as bar:
             for phase, progress in compared.run():
                 bar.show(progress, phase)
@@ -66,3 +69,38 @@ def summary(facts: Mapping[str, Any], light: str) -> str:
             f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}"
         )
     return "\n".join(lines)
+
+
+PIXEL = PatternType("X,Y", "120,80", r"(\d+),(\d+)", integers)
+
+
+@click.command(cls=Command)
+@click.argument("scene", type=SCENE_FILE)
+@option("Page", "--pixel", type=PIXEL, required=True, help="Column and row of the pixel, from the upper left corner.")
+@job_options("spp", "output", "definitions", "sensor", "resolution", "paths", "caustics", "max_level", "allow_outside")
+@job_options("threads", "variant", "seed", "samples", "light_units", "tolerance", "verbose")
+def explain(job: Job, pixel: tuple[int, int]) -> None:
+    """Explain a pixel of SCENE: the rays of its samples, and the light that each ray adds.
+
+    The command writes one HTML page, SCENE-explain.html in the scene's folder, with the rays of the brightest samples
+    of the pixel. --spp is the number of samples of the pixel; the default is that of the scene, N².
+    """
+    refuse_scalar("prosim explain", job.variant)
+    stem = page_stem(job, "explain", 2**21)
+    from ..explaining import explanation
+
+    with Resources(job) as resources, input_errors():
+        file = job.read_scene(resources.folder)
+        command = shlex.join(["prosim", *sys.argv[1:]])
+        page = explanation.page(file, command=command, pixel=pixel, spp=job.spp or 0, sensor=job.sensor, seed=job.seed)
+    click.echo(files.save(stem, {".html": page.encode("utf-8")})[0])
+
+
+def page_stem(job: Job, name: str, size: int) -> Path:
+    """Returns the path, without suffix, of the page ``name`` of a job, of about ``size`` bytes. Raises the
+    errors of :func:`.files.output_stem` and :func:`.files.check`.
+    """
+    scene = Path(job.scene)
+    stem = files.output_stem(job.output, scene.with_name(f"{scene.stem}-{name}"), [".html"])
+    files.check(stem, [".html"], size, [scene])
+    return stem

@@ -14,9 +14,8 @@ def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueEr
     words such as ``"a number >= 0"``.
     """
     where = f'"{props.id()}" ({props.plugin_name()})' if props.id() else props.plugin_name()
-    return ValueError(
-        f'{where}: parameter "{name}" is {"missing" if value is None else repr(value)}; allowed: {allowed}.'
-    )
+    found = "missing" if value is None else repr(value)
+    return ValueError(f'{where}: parameter "{name}" is {found}; allowed: {allowed}.')
 
 
 def number(
@@ -63,9 +62,7 @@ def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
 def check_unpolarized(name: str) -> None:
     """Raises ValueError in polarised variants; ``name`` is the integrator's."""
     if mi.is_polarized:
-        raise ValueError(
-            f"{name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
-        )
+        raise ValueError(f"{name}: light is unpolarised here (thesis, 2.2.3); use a variant without 'polarized'.")
 
 
 def check_positive(name: str, value: float) -> float:

@@ -23,23 +23,14 @@ MISSING = "not implemented", "pure virtual", "explicitly disabled", "not support
 #: Tests that fail for both principled BSDFs, and for blendbsdf.
 SUM = "components add up"
 IGNORES = "reciprocity", "sampled_type", SUM, "eval() is 0 if", "variants agree", "finite with"
-BLENDED = (
-    "ideal lobes",
-    "weight is",
-    "pdf of",
-    "samples follow",
-    "reflection",
-    "the flags have",
-    "sampled_component",
-    SUM,
-)
+BLENDED = "ideal lobes", "weight is", "pdf of", "samples follow", "reflection", "the flags have", SUM
 
 #: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the tests that find it, with their places; "*"
 #: is any text). They are notes.
 FAULTS = {
     "area": ("with a texture on a mesh, it samples other places", "samples follow pdf()", "light by"),
     "bitmap": ("the gradient has the resolution of the wrong axes if to_uv turns it", "eval_1_grad()"),
-    "blendbsdf": ("it weights samples of ideal lobes and of dark sides wrongly", *BLENDED),
+    "blendbsdf": ("it weights samples of ideal lobes and of dark sides wrongly", *BLENDED, "sampled_component"),
     "blendphase": ("one component's pdf has the weight of the blend", "weight of", "pdf of", "samples follow"),
     "checkerboard": ("eval_1() swaps both colours", "eval_1()"),
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),

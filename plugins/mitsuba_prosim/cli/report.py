@@ -6,8 +6,6 @@ import json
 from math import isnan
 from typing import TYPE_CHECKING, Any
 
-import mitsuba as mi
-
 from .. import __version__
 from ..engine.render import Reached
 from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
@@ -17,9 +15,7 @@ if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
 
 
-def metadata(
-    job: Job, integrator: mi.Integrator, reached: Reached | None, ended: str | None, seconds: float
-) -> dict[str, str]:
+def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | None, seconds: float) -> dict[str, str]:
     """Returns the metadata of an EXR image.
 
     ``reached`` is None if the render is not progressive; otherwise, there are entries for the mean number of samples
@@ -41,9 +37,7 @@ def metadata(
     return {f"prosim.{name}": value for name, value in result.items()}
 
 
-def summary(
-    render: Any, final: FinalImage | None, interrupted: bool, integrator: Any = None, file: Any = None
-) -> str | None:
+def summary(render: Any, final: FinalImage | None, interrupted: bool, integrator: Any, file: Any) -> str | None:
     """Returns a line with the verdict, the samples and the seconds of a render, for the arguments of :func:`.verdict`;
     None for a render with neither a target nor a ``final`` image of a denoiser.
     """

@@ -17,11 +17,9 @@ def html(facts: Mapping[str, Any], images: Mapping[str, np.ndarray]) -> str:
     """
     import jinja2
 
-    environment = jinja2.Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
-    )
-    environment.globals.update(number=number, light=LIGHT[facts["transport"]])
-    template = environment.from_string(files(__package__).joinpath("comparison_page.html").read_text(encoding="utf-8"))
+    env = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+    env.globals.update(number=number, light=LIGHT[facts["transport"]])
+    template = env.from_string(files(__package__).joinpath("comparison_page.html").read_text(encoding="utf-8"))
     return template.render(facts=facts, pictures={name: picture(facts, name, image) for name, image in images.items()})
 
 

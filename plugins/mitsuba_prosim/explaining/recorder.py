@@ -284,9 +284,7 @@ class Recorder:
             for row in table.rows(sample):
                 rows[table.event, row["number"]].append(row)
         black = (0.0,) * len(self.channels(mi.Spectrum(0)))
-        return tuple(
-            self._node(ray, rows, black) for (event, _), rays in rows.items() if event == "ray" for ray in rays
-        )
+        return tuple(self._node(ray, rows, black) for (kind, _), rays in rows.items() if kind == "ray" for ray in rays)
 
     def _node(self, ray: Row, rows: Mapping[tuple[str, int], list[Row]], black: Numbers) -> Node:
         def found(event: str, number: int = ray["number"]) -> list[Row]:

@@ -40,21 +40,19 @@ class SphereLights(OtherLights):
         excluded = mi.EmitterFlags.SpatiallyVarying, mi.EmitterFlags.DeltaDirection
         return not any(mi.has_flag(emitter.flags(), flag) for flag in excluded)
 
-    def sphere(self, number: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
-        """Returns the centre and the radius of the spherical light source number ``number``."""
-        return self.spheres[number] if isinstance(number, int) else dr.gather(tuple, self.table, number, active)
+    def sphere(self, k: Index, active: mi.Bool = True) -> tuple[mi.Point3f, mi.Float]:
+        """Returns the centre and the radius of the spherical light source number ``k``."""
+        return self.spheres[k] if isinstance(k, int) else dr.gather(tuple, self.table, k, active)
 
-    def sample(
-        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> LightSample:
+    def sample(self, k: Index, emitter: Emitter, receiver: Receiver, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Returns a sample of the part of the sphere above the horizon of ``receiver``."""
-        return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(number), sample), active)
+        return weighted(emitter, receiver, direction_to_sphere(receiver, *self.sphere(k), u), active)
 
-    def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+    def pdf(self, k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle of :meth:`sample` for ``ds``, which meets the sphere; 0 below the
         horizon, and for a receiver inside the sphere.
         """
-        center, radius = self.sphere(number, active)
+        center, radius = self.sphere(k, active)
         to_center = center - receiver.si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
         cos_n = dr.dot(receiver.n, to_center) * dr.sqrt(inv_d2)
@@ -63,7 +61,7 @@ class SphereLights(OtherLights):
         return pdf_projected_cap(cos_n, dr.square(radius) * inv_d2, y, dr.dot(receiver.n, ds.d))
 
     def reparameterised(
-        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
+        self, k: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
         """Returns ``(ds, jacobian)`` as :meth:`.OtherLights.reparameterised`; ``met`` is not used.
 
@@ -73,7 +71,7 @@ class SphereLights(OtherLights):
         irradiance; else along the axis to the centre. A map to points of the sphere itself would have an unbounded
         Jacobian near its outline.
         """
-        center, radius = self.sphere(number, active)
+        center, radius = self.sphere(k, active)
         to_center = center - receiver.si.p
         inv_d2 = dr.rcp(dr.squared_norm(to_center))
         axis = to_center * dr.sqrt(inv_d2)
@@ -102,7 +100,7 @@ def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
 
 
 def direction_to_sphere(
-    receiver: Receiver, center: mi.Point3f, radius: mi.Float, sample: mi.Point2f
+    receiver: Receiver, center: mi.Point3f, radius: mi.Float, u: mi.Point2f
 ) -> mi.DirectionSample3f:
     """Returns a sample of a sphere above the horizon of ``receiver``, by projected solid angle. Its density is 0 if the
     receiver is inside the sphere, or the sphere below the horizon.
@@ -117,7 +115,7 @@ def direction_to_sphere(
     across -= n * dr.dot(n, across)
     sin_n = dr.norm(across)
     y = dr.select(sin_n > 1e-7, dr.normalize(across), mi.coordinate_system(n)[1])
-    local, pdf = sample_projected_cap(dr.dot(n, axis), sin_n, dr.square(radius) / d2, sample)
+    local, pdf = sample_projected_cap(dr.dot(n, axis), sin_n, dr.square(radius) / d2, u)
     d = dr.cross(y, n) * local.x + y * local.y + n * local.z
     # The nearer root of |t d - to_center| = radius, computed without cancellation for a distant source.
     b = dr.dot(d, to_center)

@@ -68,13 +68,11 @@ def sample_projected_cap(
 _TINY = 1e-35
 
 
-def _direction_in_ellipse(
-    cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, sample: mi.Point2f
-) -> mi.Vector3f:
-    """Returns the local direction to the point, uniform in the ellipse, that ``sample`` in [0, 1)² selects."""
+def _direction_in_ellipse(cos_n: mi.Float, sin_n: mi.Float, sin2_theta_max: mi.Float, u: mi.Point2f) -> mi.Vector3f:
+    """Returns the local direction to the point, uniform in the ellipse, that ``u`` in [0, 1)² selects."""
     # Seen from above, the point's height is the height of the cap's boundary circle plus the bulge inside the circle.
     s, cos_max = dr.sqrt(sin2_theta_max), dr.safe_sqrt(1 - sin2_theta_max)
-    p = mi.warp.square_to_uniform_disk_concentric(sample)
+    p = mi.warp.square_to_uniform_disk_concentric(u)
     height = cos_max * cos_n + s * sin_n * p.x
     bulge = sin2_theta_max * dr.maximum(1 - dr.squared_norm(p), 0)
     return mi.Vector3f(cos_max * sin_n - s * cos_n * p.x, s * p.y, dr.sqrt(dr.square(height) + bulge))

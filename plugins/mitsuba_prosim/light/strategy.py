@@ -65,22 +65,20 @@ class OtherLights:
         """Tells whether this strategy can sample ``emitter``."""
         return True
 
-    def sample(
-        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> LightSample:
-        """Returns a sample of ``emitter``, which has this ``number``, for ``receiver``, by ``sample`` in [0, 1)²."""
-        ds, weight = self.methods.sample_direction(emitter, receiver.si, sample, active)
+    def sample(self, k: Index, emitter: Emitter, receiver: Receiver, u: mi.Point2f, active: mi.Bool) -> LightSample:
+        """Returns a sample of ``emitter``, which has the number ``k``, for ``receiver``, by ``u`` in [0, 1)²."""
+        ds, weight = self.methods.sample_direction(emitter, receiver.si, u, active)
         ds.delta = mi.Bool(ds.delta)
         return ds, weight
 
-    def pdf(self, number: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
+    def pdf(self, k: Index, receiver: Receiver, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
         """Returns the density per solid angle with which :meth:`sample` samples the direction ``ds``."""
         return self.methods.pdf_direction(ds.emitter, receiver.si, ds, active)
 
     def reparameterised(
-        self, number: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
+        self, k: Index, receiver: Receiver, d: mi.Vector3f, met: mi.SurfaceInteraction3f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Float]:
-        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the light source ``number``.
+        """Returns ``(ds, jacobian)``, both with derivatives: a direction that moves with the light source ``k``.
 
         The value of ``ds.d`` is the direction ``d``, which leads to the point ``met`` of the source. The derivatives of
         ``met`` follow its shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
@@ -108,11 +106,9 @@ class ConstantSky(OtherLights):
         """Tells whether ``emitter`` is a constant sky."""
         return emitter.class_name() == CONSTANT
 
-    def sample(
-        self, number: Index, emitter: Emitter, receiver: Receiver, sample: mi.Point2f, active: mi.Bool
-    ) -> LightSample:
+    def sample(self, k: Index, emitter: Emitter, receiver: Receiver, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Returns a cosine-weighted sample of the sky above the horizon of ``receiver``."""
-        local = mi.warp.square_to_cosine_hemisphere(sample)
+        local = mi.warp.square_to_cosine_hemisphere(u)
         ds = direction_sample(receiver, mi.Frame3f(receiver.n).to_world(local))
         ds.dist = mi.Float(self.distance)
         ds.p, ds.n = receiver.si.p + ds.d * self.distance, -ds.d

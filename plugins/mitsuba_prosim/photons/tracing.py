@@ -85,7 +85,7 @@ class PhotonTracer:
         # add this light do not land.
         lands = dr.select(hit.inseparable, but_not(hit.level > 0, state.from_inseparable), lands)
         scatters = hit.active & (hit.level < self.deepest) & lobes.has_any(flags, *lobes.SPECULAR)
-        bs, weight, scatters, by_all_lobes = self._scatter(hit, (choice, mi.Point2f(x, y)), scatters)
+        bs, weight, scatters, by_all_lobes = self._sample(hit, (choice, mi.Point2f(x, y)), scatters)
         d = hit.si.to_world(bs.wo)
         # At a diffuse surface a photon either lands or continues. With the probability r / (1 + r) to
         # continue, where r is ``flux_ratio``, both alternatives have about 1 + r times the arriving flux.
@@ -124,9 +124,7 @@ class PhotonTracer:
         inseparable = self.scattering.inseparable(bsdf, surface)
         return Hit(si, bsdf, surface, inseparable, d, state.level, flux, cos, shading, state.density), medium
 
-    def _scatter(
-        self, hit: Hit, u: LobePoint, active: mi.Bool
-    ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
+    def _sample(self, hit: Hit, u: LobePoint, active: mi.Bool) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Bool, mi.Bool]:
         """Samples the specular lobes of the surface ``hit``, and returns ``(bs, weight, active, by_all_lobes)``:
         ``active`` tells where it scatters a photon, ``by_all_lobes`` where a smooth lobe of an inseparable BSDF made
         the sample, which on paths scatters no photon.

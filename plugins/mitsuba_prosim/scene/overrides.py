@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 import mitsuba as mi
 
@@ -19,6 +19,10 @@ WRAPPING = (*TARGETS, "max_samples", "adaptive")
 #: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 
+#: The size of an image (width, height), and a crop window (x, y, width, height), in pixels; None: as in the scene.
+Size: TypeAlias = "tuple[int, int] | None"
+Window: TypeAlias = "tuple[int, int, int, int] | None"
+
 #: The parameters of a film for the crop window.
 CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
 
@@ -32,12 +36,7 @@ def check_size(width: int, height: int) -> None:
         )
 
 
-def apply(
-    state: mi.parser.ParserState,
-    resolution: tuple[int, int] | None,
-    crop: tuple[int, int, int, int] | None,
-    parameters: dict[str, Any],
-) -> str | None:
+def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, parameters: dict[str, Any]) -> str | None:
     """Changes the film and the integrators of a parsed scene; returns in words what became of the scene's integrator,
     such as "path within prosim_adaptive", or None.
 
@@ -105,9 +104,7 @@ def option_names(parameters: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
 
 
-def _change_film(
-    props: mi.Properties, resolution: tuple[int, int] | None, crop: tuple[int, int, int, int] | None
-) -> None:
+def _change_film(props: mi.Properties, resolution: Size, crop: Window) -> None:
     """Sets the size and the crop window of a film; see :func:`apply`."""
     old = props.get("width", 768), props.get("height", 576)
     size, window = resolution or old, crop or tuple(map(props.get, CROP, (0, 0, *old)))

@@ -101,10 +101,8 @@ class SceneFile:
             self._spectra = {*self._spectrum_files(self.xml, self._folders, dict(definitions or {}))}
             self.state = parse(self.xml, definitions or {})
             for place in self._unread:
-                words = (
-                    f"{place}; Mitsuba accepts this, but its spectrum files are neither watched nor sent to a cluster"
-                )
-                warnings.warn(prosim_scene.SceneWarning(words), stacklevel=2)
+                why = f"{place}; Mitsuba accepts this, but its spectrum files are neither watched nor sent to a cluster"
+                warnings.warn(prosim_scene.SceneWarning(why), stacklevel=2)
             self._resolver = mi.file_resolver()
             if confinement:
                 confinement.check_state(self.state)
@@ -156,9 +154,7 @@ class SceneFile:
             # Mitsuba accepts "--" within a comment.
             found = elements(COMMENT.sub(b"", text.read_bytes()), strict=False)
         except RecursionError as error:
-            raise RecursionError(
-                f"At {text} {error}; Mitsuba's parser would lack memory, so make them flatter"
-            ) from None
+            raise RecursionError(f"At {text} {error}; Mitsuba's parser would lack memory; make them flatter") from None
         except ValueError as error:
             self._unread.append(f"At {text} {error}")
             return

@@ -98,9 +98,8 @@ class Context:
             bool(lobes.has_any(self.flags, *names)) for names in (lobes.REFLECTED, lobes.REFRACTED, lobes.BOTH_SIDES)
         )
         #: Whether camera rays that leave the scene see the sky or the background.
-        self.shows_sky = settings.background is not None or bool(
-            not settings.hide_emitters and scene.environment() is not None
-        )
+        hidden = settings.hide_emitters or scene.environment() is None
+        self.shows_sky = settings.background is not None or not hidden
         #: Whether it matters that some surfaces let camera rays pass straight through.
         self.sees_through = bool(lobes.has_any(self.flags, "Null")) and (settings.hide_emitters or not self.shows_sky)
         #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.

@@ -144,9 +144,10 @@ def main() -> None:
     parser = arguments(__doc__, 20)
     parser.add_argument("--time", nargs="+", type=float, default=[], help="measure these time limits, in seconds")
     parser.add_argument("--denoise", action="store_true", help="measure the denoised image")
+    parser.add_argument("--filter", default="box", help="the film's reconstruction filter")
     options = parser.parse_args()
     begin(options)
-    subjects = [Subject(name, options.size, options.folder) for name in options.scene]
+    subjects = [Subject(name, options.size, options.folder, options.filter) for name in options.scene]
     if options.time:
         print("| | seconds | first | least | most |\n|---" + "|---:" * 4 + "|")
         for subject in subjects:

@@ -120,18 +120,21 @@ NAMES = (*OURS, *BUILT)
 
 @dataclass(frozen=True)
 class Subject:
-    """A scene of :data:`NAMES` or of a ``folder``, rendered with a width of ``size`` pixels."""
+    """A scene of :data:`NAMES` or of a ``folder``, rendered with a width of ``size`` pixels; ``rfilter`` is the film's
+    filter, but not of an example scene.
+    """
 
     name: str
     size: int = 256
     folder: Path | None = None
+    rfilter: str = "box"
 
     @cached_property
     def described(self) -> tuple[dict[str, Any], dict[str, Any] | None]:
         """``(scene, integrator)`` as dictionaries; the integrator is None if only a path tracer follows all light."""
         if self.name in BUILT:
             make, tree = BUILT[self.name]
-            film = {"width": self.size, "height": self.size}
+            film = {"width": self.size, "height": self.size, "rfilter": {"type": self.rfilter}}
             return with_film(make(), film), tree and {"type": "prosim"} | tree
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -169,7 +172,7 @@ class Subject:
         return mi.load_dict({"type": "scene"} | scene)
 
     def _external(self, path: Path, sampler: str) -> mi.Scene:
-        """Loads a scene by other authors, with a box filter, the requested width and the requested sampler."""
+        """Loads a scene by other authors, with the requested width, filter and sampler."""
         config = mi.parser.ParserConfig(mi.variant())
         mi.file_resolver().prepend(str(path.parent.resolve()))
         state = mi.parser.parse_file(config, str(path))
@@ -178,6 +181,8 @@ class Subject:
             if node.type == mi.ObjectType.Film:
                 height = round(self.size * props["height"] / props["width"])
                 props["width"], props["height"] = self.size, height
+                if not any(other.type == mi.ObjectType.ReconstructionFilter for other in state.nodes):
+                    props["rfilter"] = mi.load_dict({"type": self.rfilter})
             elif node.type == mi.ObjectType.Integrator:
                 # The integrator that the file names may not be installed.
                 node.props = mi.Properties(self.adaptive["nested"]["type"])
@@ -185,7 +190,7 @@ class Subject:
             elif node.type == mi.ObjectType.Sampler:
                 props.set_plugin_name(sampler)
             elif node.type == mi.ObjectType.ReconstructionFilter:
-                props.set_plugin_name("box")
+                props.set_plugin_name(self.rfilter)
         mi.parser.transform_all(config, state)
         return mi.parser.instantiate(config, state)
 

@@ -3,11 +3,13 @@
 import os
 import signal
 
+import drjit as dr
 import numpy as np
 import pytest
 from mitsuba_prosim.cli import files
 from mitsuba_prosim.cli.terminal import Progress
-from running import XML, metadata, names, pixels, prosim, refused
+from mitsuba_prosim.engine.work import WorkItem
+from running import LAMP, XML, metadata, names, pixels, prosim, refused
 from running import done as run
 from scenes import kernels
 
@@ -85,6 +87,23 @@ def test_frames_share_kernels(film):
     """No scene of an earlier frame is in memory."""
     first, later = (kernels(lambda frames=frames: rendered(film, "--frames", frames)) for frames in (0, "1:4"))
     assert len(first) > 3 and later <= first
+
+
+def test_passes_of_a_wide_filter_share_a_kernel(write_scene, variant_rgb, monkeypatch):
+    """The constants of the filter are in the same order in each kernel, whatever was traced before."""
+    compute, used = WorkItem.compute, set()
+
+    def recorded(item):
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+            dr.kernel_history_clear()
+            result = compute(item)
+            history = dr.kernel_history([dr.KernelType.JIT])
+        used.add(max((kernel["operation_count"], kernel["hash"]) for kernel in history))
+        return result
+
+    monkeypatch.setattr(WorkItem, "compute", recorded)
+    run("render", write_scene(LAMP, "s.xml"), "--time", 0.5)
+    assert len(used) == 1
 
 
 @pytest.mark.parametrize(

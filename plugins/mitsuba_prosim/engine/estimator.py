@@ -147,6 +147,10 @@ class Estimator:
             )
             return sums, unfinished(sums)
 
+        active = unfinished(start)
+        # The order of a kernel's constants depends on what was traced before if the kernel has something to compute
+        # before the loop. Then the second pass with a wide filter would compile another kernel.
+        dr.eval(active)
         return dr.while_loop(
-            (start, unfinished(start)), lambda sums, active: active, step, labels=("sums", "active"), max_iterations=-1
+            (start, active), lambda sums, active: active, step, labels=("sums", "active"), max_iterations=-1
         )[0]

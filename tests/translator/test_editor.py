@@ -26,9 +26,8 @@ END
 def labels(text):
     """The completions at the bar in a text."""
     at = text.index("|")
-    found = Symbols(text.replace("|", "", 1)).completions(at)
-    assert len({one.start for one in found}) <= 1
-    return [one.label for one in sorted(found, key=lambda one: one.rank)]
+    _, found = Symbols(text.replace("|", "", 1)).completions(at)
+    return [one.label for one in sorted(found, key=lambda one: one.sort_text[0])]
 
 
 def test_text_with_an_error_is_freed_at_once():

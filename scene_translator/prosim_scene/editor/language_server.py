@@ -28,7 +28,7 @@ from ..language.analysis import SIZE_LIMIT, too_large
 from ..language.diagnostics import Problem, SceneError
 from ..language.formatter import format
 from .evaluation import evaluate_in_process
-from .symbols import Completion, Symbols
+from .symbols import Symbols
 
 #: The largest number of nodes of a CSG tree that the server evaluates; ``prosim translate --check`` has no limit.
 LARGEST = 1000
@@ -181,19 +181,11 @@ def answers(method: str, options: object = None) -> Callable[[Answer], Answer]:
 def complete(document: OpenDocument, params: lsp.CompletionParams) -> list[lsp.CompletionItem]:
     """Returns the completions at a position in a document: the words that the scene language allows there."""
     offset = document.offset(params.position)
-    return [_completion_item(one, document.range(one.start, offset)) for one in document.symbols.completions(offset)]
-
-
-def _completion_item(item: Completion, replaced: lsp.Range) -> lsp.CompletionItem:
-    """Converts a completion to an LSP item. Within a rank, the editor sorts indices by number, and words by letter."""
-    return lsp.CompletionItem(
-        label=item.label,
-        kind=lsp.CompletionItemKind[item.kind],
-        detail=item.detail or None,
-        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, item.documentation) if item.documentation else None,
-        sort_text=f"{item.rank}{item.label.zfill(9) if item.kind == 'Value' else item.label}",
-        text_edit=lsp.TextEdit(replaced, item.label),
-    )
+    start, items = document.symbols.completions(offset)
+    replaced = document.range(start, offset)
+    for item in items:
+        item.text_edit = lsp.TextEdit(replaced, item.label)
+    return items
 
 
 @answers(lsp.TEXT_DOCUMENT_HOVER)
@@ -238,7 +230,7 @@ def outline(document: OpenDocument, _: lsp.DocumentSymbolParams) -> list[lsp.Doc
     """Returns the statements of a document, for an outline."""
     kinds = {"DEFAULT": lsp.SymbolKind.Variable, "SOLID": lsp.SymbolKind.Class}
     return [
-        lsp.DocumentSymbol(one.name, kinds.get(one.role, lsp.SymbolKind.Property), range_, range_)
+        lsp.DocumentSymbol(one.text, kinds.get(one.role, lsp.SymbolKind.Property), range_, range_)
         for one in document.symbols.statements
         for range_ in [document.range(one.start, one.end)]
     ]

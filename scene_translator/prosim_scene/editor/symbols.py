@@ -10,6 +10,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from lsprotocol.types import CompletionItem, CompletionItemKind, MarkupContent, MarkupKind
+
 from ..language import words
 from ..language.analysis import analyse
 from ..language.diagnostics import USE, SceneError
@@ -44,30 +46,6 @@ class Occurrence(NamedTuple):
     defines: bool
 
 
-class Completion(NamedTuple):
-    """A word that can replace the partial one from ``start``; ``detail``, the names of its numbers or its value, stands
-    beside it. A lower ``rank`` comes first: what continues the statement, and preferred spellings.
-    """
-
-    label: str
-    kind: str  # a name in LSP's enumeration CompletionItemKind
-    start: int
-    detail: str = ""
-    documentation: str = ""
-    rank: int = 0
-
-
-class Statement(NamedTuple):
-    """A statement from the text offset ``start`` to ``end``: the ``role`` of its keyword, and its ``name``, which is
-    its keyword, with the index or the name that follows it.
-    """
-
-    role: str
-    name: str
-    start: int
-    end: int
-
-
 class Symbols:
     """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
 
@@ -86,14 +64,16 @@ class Symbols:
         return [token for token in self.reader.tokens if token.role != "COMMENT"]
 
     @cached_property
-    def statements(self) -> list[Statement]:
-        """The statements of the text."""
+    def statements(self) -> list[Token]:
+        """The statements of the text: each has the role of its keyword, and as text its name, which is its keyword,
+        with the index or the name that follows it.
+        """
         first = [i for i, token in enumerate(self.tokens) if token.role in STATEMENTS]
         result = []
         for i, following in pairwise([*first, len(self.tokens)]):
             words = self.tokens[i : min(i + 1 + (self.tokens[i].role in KEYED), following)]
             name = " ".join(self.text[token.start : token.end] for token in words)
-            result.append(Statement(words[0].role, name, words[0].start, self.tokens[following - 1].end))
+            result.append(Token(words[0].role, name, words[0].start, self.tokens[following - 1].end))
         return result
 
     @cached_property
@@ -166,9 +146,9 @@ class Symbols:
 
     # ---- Completion
 
-    def completions(self, offset: int) -> list[Completion]:
-        """Lists the words that the language allows at the text offset ``offset``; each word can replace the partial
-        word before this offset.
+    def completions(self, offset: int) -> tuple[int, list[CompletionItem]]:
+        """Returns ``(start, items)``: the words that the language allows at the text offset ``offset``; each word can
+        replace the partial word from ``start`` to this offset.
 
         In the braces of an expression, the words are ``$names``, functions and constants. Where only numbers fit, the
         words are ``$names``, and indices if the number is an index. Elsewhere, the words are the keywords that fit, the
@@ -176,56 +156,65 @@ class Symbols:
         comment, in a quote and after END, the list is empty, except after an open brace on the same line.
         """
         line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
+        names = [_completion(f"${name}", "Variable", value, rank=1) for name, value in self.names.items()]
         if braces := BRACES.search(line):  # arithmetic
-            start = offset - len(braces[1])
-            functions = [Completion(name, "Function", start, rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
-            return [*self._name_completions(start), *functions]
+            functions = [_completion(name, "Function", rank=2) for name in (*FUNCTIONS, *CONSTANTS)]
+            return offset - len(braces[1]), [*names, *functions]
         start = offset - len(BEFORE_WORD.split(line)[-1])
         reader = Reader(self.text[:start])
         last, expected = reader.last, reader.expected
         unclosed = any(one.code == "unclosed" for one in reader.errors[-1:]) and "RPAR" not in expected
         comment = reader.tokens and reader.tokens[-1].text.startswith("#") and reader.tokens[-1].end == start
         if unclosed or comment or last.role == "END":  # no word fits inside a comment or a quote, or after END
-            return []
+            return start, []
         if last.role in INDEXED:
-            return [*self._index_completions(last.role, start), *self._name_completions(start)]
+            return start, [*self._index_completions(last.role), *names]
         numbers = find_word(last.role, last.text).numbers if last.role in ROLES else NO_NUMBERS
         if numbers.count and not numbers.flags:  # only numbers, or names of numbers, fit
-            return self._name_completions(start)
+            return start, names
         fitting = [role for role in words.ORDER if role in expected and role in ROLES]
         spellings = self.reader.source.spellings
-        result = [one for role in fitting for one in _keyword_completions(role, start, spellings)]
+        result = [one for role in fitting for one in _keyword_completions(role, spellings)]
         values = {spellings.get(name, name): kind for name, kind in self.textures.items() if "TEXTURE_NAME" in expected}
         values = NAMED[last.role][1] if last.role in NAMED else values
-        result += [Completion(name, "Color", start, value) for name, value in values.items()]
+        result += [_completion(name, "Color", value) for name, value in values.items()]
         if "USE" in expected:
-            result += [Completion(name, "Class", start) for name in reader.fields["solids"]]
-        if {"NUMBER", "WORD"} & expected:
-            result += self._name_completions(start)
-        return result
+            result += [_completion(name, "Class") for name in reader.fields["solids"]]
+        return start, result + (names if {"NUMBER", "WORD"} & expected else [])
 
-    def _name_completions(self, start: int) -> list[Completion]:
-        return [Completion(f"${name}", "Variable", start, value, rank=1) for name, value in self.names.items()]
-
-    def _index_completions(self, role: str, start: int) -> list[Completion]:
+    def _index_completions(self, role: str) -> list[CompletionItem]:
         """Lists the completions for an index after a keyword with the grammar role ``role``."""
         spans, indices = self.reader.spans, sorted(int(key) for kind, key in self.table if kind == "index")
         if role in STATEMENTS:
             fitting = [i for i in indices if (words.words_of(role)[0].name, i) not in spans]
         else:
             fitting = [i for i in indices if ("surfaces", i) in spans or ("transforms", i) in spans]
-        fitting = fitting or [max(indices, default=-1) + 1]
-        return [Completion(str(i), "Value", start) for i in fitting]
+        return [_completion(str(i), "Value") for i in fitting or [max(indices, default=-1) + 1]]
 
 
-def _keyword_completions(role: str, start: int, spellings: Mapping[str, str]) -> Iterator[Completion]:
+def _completion(label: str, kind: str, detail: str = "", documentation: str = "", rank: int = 0) -> CompletionItem:
+    """Returns a completion; ``detail``, the names of its numbers or its value, stands beside it.
+
+    A lower ``rank`` comes first: what continues the statement, and preferred spellings. Within a rank, the editor sorts
+    indices by number, and words by letter.
+    """
+    return CompletionItem(
+        label,
+        kind=CompletionItemKind[kind],
+        detail=detail or None,
+        documentation=MarkupContent(MarkupKind.Markdown, documentation) if documentation else None,
+        sort_text=f"{rank}{label.zfill(9) if kind == 'Value' else label}",
+    )
+
+
+def _keyword_completions(role: str, spellings: Mapping[str, str]) -> Iterator[CompletionItem]:
     """Yields a completion for each spelling of the keywords that have the grammar role ``role``."""
     kind, rank = ("Keyword", 2) if role in STATEMENTS else ("Property", 0)
     for word in words.words_of(role):
         preferred = spellings.get(word.canonical, word.canonical)
         for spelling in word.spellings:
             other = spelling != preferred
-            yield Completion(spelling, kind, start, _names_of_numbers(word), description(word), rank + other)
+            yield _completion(spelling, kind, _names_of_numbers(word), description(word), rank + other)
 
 
 def _names_of_numbers(word: Word) -> str:

@@ -35,8 +35,7 @@ def _opened(source: AnyPath | Document, define: Mapping[str, object] | None) -> 
     if not isinstance(source, Document):
         return document(source, define)
     if define:
-        reason = "define has no effect on a document; pass it to prosim_scene.document"
-        raise SceneError(reason, source.source.filename)
+        raise SceneError("define has no effect on a document; pass it to prosim_scene.document", source.source.filename)
     return source
 
 
@@ -78,8 +77,7 @@ def translate(
     checked, opened = Options(**options), _opened(source, define)
     source_path = Path(opened.source.filename)
     if not is_valid_in_xml(source_path.stem):
-        reason = "the translation's files would have this name, which is not valid in XML; "
-        reason += "expected a name without control characters, in UTF-8"
+        reason = "this name is not valid in XML; expected one without control characters, in UTF-8"
         raise SceneError(reason, repr(str(source_path)))
     folder = Path(out_dir) if out_dir is not None else source_path.parent
     files = TranslationFiles(folder, source_path.stem)

@@ -123,8 +123,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     if not normal.any():
         normal = eye - vrp
         if np.linalg.norm(normal) < MIN_LENGTH:
-            reason = "EYE and VRP are the same point and VPN is 0 0 0; expected an eye off the view plane"
-            raise document.error(reason, "view", "eye")
+            raise document.error("EYE and VRP are the same point and VPN is 0 0 0; move one", "view", "eye")
     if np.linalg.norm(normal) < MIN_LENGTH:
         raise document.error("VPN has length 0 in single precision; expected a direction, or 0 0 0", "view", "vpn")
     if np.linalg.norm(vup) < MIN_LENGTH:
@@ -132,8 +131,7 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     n, up = normal / np.linalg.norm(normal), vup / np.linalg.norm(vup)
     depth = float((eye - vrp) @ n)
     if abs(depth) <= PARALLEL * max(np.linalg.norm(eye - vrp), np.linalg.norm(eye), np.linalg.norm(vrp)):
-        reason = "EYE lies on the view plane (through VRP, normal VPN); expected an eye off that plane"
-        raise document.error(reason, "view", "eye")
+        raise document.error("EYE lies on the view plane (through VRP, normal VPN); move it", "view", "eye")
     if depth < 0:  # VPN points away from the eye
         n, depth = -n, -depth
     u = np.cross(up, n)
@@ -143,16 +141,14 @@ def camera_of(document: Document, resolution: tuple[int, int] | None = None) -> 
     v = np.cross(n, u)
     umin, vmin, umax, vmax = view.window
     if umin >= umax or vmin >= vmax:
-        reason = f"the window {umin:g} {vmin:g} {umax:g} {vmax:g} is empty; "
-        reason += "expected umin vmin umax vmax with umin < umax and vmin < vmax"
-        raise document.error(reason, "view", "window")
+        raise document.error("this window is empty; expected umin < umax and vmin < vmax", "view", "window")
     offset = vrp - eye
     a, b = float(offset @ u), float(offset @ v)
     window = a + umin, b + vmin, a + umax, b + vmax
     lens = view.aperture, view.focus or depth
     result = Camera(eye, u, v, n, depth, *window, resolution or view.resolution, *lens)
-    if not NARROWEST * depth <= min(result.size) <= max(result.size) <= WIDEST * depth:
-        reason = f"the window is too large or too small at the distance {depth:g} from EYE; "
-        reason += f"expected sides between {NARROWEST * depth:g} and {WIDEST * depth:g}"
+    least, most = NARROWEST * depth, WIDEST * depth
+    if not least <= min(result.size) <= max(result.size) <= most:
+        reason = f"this window is too large or too small; expected sides from {least:g} to {most:g}"
         raise document.error(reason, "view", "window")
     return result

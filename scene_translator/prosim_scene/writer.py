@@ -86,8 +86,7 @@ class TranslationFiles:
         except ValueError:  # on another drive of Windows
             relative = path.resolve().as_posix()
         if not is_valid_in_xml(relative):
-            reason = f"has the path {relative!r}, which is not valid in XML; expected printable characters, in UTF-8"
-            raise ValueError(reason)
+            raise ValueError(f"has the path {relative!r}, which is not valid in XML; expected printable characters")
         return relative
 
     def write(self, text: str) -> Path:
@@ -128,11 +127,9 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
         raise IsADirectoryError(0, "the translation would replace this folder; move it, or choose another folder", xml)
     refuse_special(xml)
     if xml.exists() and MARK.encode() not in xml.read_bytes():
-        reason = "this file is not a translation and is not overwritten; move it, or choose another folder"
-        raise FileExistsError(0, reason, xml)
+        raise FileExistsError(0, "this file is not a translation; move it, or choose another folder", xml)
     if mesh_folder.is_symlink() or (mesh_folder.exists() and not mesh_folder.is_dir()):
-        reason = "the folder of the meshes would replace this file or link; move it, or choose another folder"
-        raise FileExistsError(0, reason, mesh_folder)
+        raise FileExistsError(0, "the meshes would replace this; move it, or choose another folder", mesh_folder)
 
 
 @contextmanager

@@ -138,7 +138,7 @@ def test_calibrated_lights_give_their_irradiance_at_vrp(light, irradiance, write
 def test_a_radius_without_effect_is_a_warning(write_scene, recwarn, units, target):
     path = write_scene("VIEW OBS 0 0 9 LIGHTS POINT position 0 0 5 raio 2 CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END")
     prosim_scene.check(path, light_units=units, target=target)
-    said = "1:44: raio has an effect on a POINT light only with light units 'radiance'"
+    said = "1:44: a POINT light has a raio only with light units 'radiance'"
     assert any(said in str(w.message) for w in recwarn) == (units != "radiance")
 
 

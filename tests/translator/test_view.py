@@ -121,7 +121,7 @@ def test_another_sensor_of_mitsuba_reads_a_centred_view(eye, vpn, write_scene, v
 
 
 def test_warning_names_focus_without_aperture(write_scene):
-    with pytest.warns(prosim_scene.SceneWarning, match="FOCUS has no effect without APERTURE; add APERTURE"):
+    with pytest.warns(prosim_scene.SceneWarning, match="FOCUS has no effect without APERTURE; add it"):
         prosim_scene.check(write_scene(f"VIEW FOCUS 3 LIGHTS POINT position 0 9 9 CSG-TREE {BALL} END"))
 
 

@@ -72,13 +72,13 @@ def test_meshes_of_earlier_translations_are_removed_and_no_others(scene):
     assert len((scene.parent / second[0]).read_bytes()) > 6
 
 
-NOT_REPLACED = "the folder of the meshes would replace this"
+NOT_REPLACED = "the meshes would replace this"
 #: What is in the way of the translation of s.scn: its name, how the users made it, and the message.
 OBSTACLES = {
     "file": ("s-meshes", Path.touch, NOT_REPLACED),
     "link": ("s-meshes", lambda path: path.symlink_to("."), NOT_REPLACED),
     "link to nowhere": ("s-meshes", lambda path: path.symlink_to("nowhere"), NOT_REPLACED),
-    "text": ("s.xml", Path.touch, "is not a translation and is not overwritten"),
+    "text": ("s.xml", Path.touch, "is not a translation; move it"),
     "folder": ("s.xml", Path.mkdir, "the translation would replace this folder"),
     "the scene": ("s.xml", lambda path: path.with_suffix(".scn").rename(path), "is not a translation"),
 }
@@ -264,7 +264,7 @@ def test_another_view_needs_no_translation(write_scene, options):
     np.testing.assert_equal(view, prosim_scene.load(document, **options)["view"])
     assert view["near_clip"] < 1e-6 and cache.evaluations == 1
     path.write_text(cube.replace("-4 -4 4 4", "-4 4 4 4"))
-    with pytest.raises(prosim_scene.SceneError, match="the window -4 4 4 4 is empty"):
+    with pytest.raises(prosim_scene.SceneError, match="this window is empty"):
         prosim_scene.load(path, cache=cache, **options)
 
 

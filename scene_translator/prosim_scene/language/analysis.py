@@ -98,8 +98,7 @@ def analyse(
 
 def too_large(path: AnyPath) -> SceneError:
     """Returns the error about a scene file that is larger than :data:`SIZE_LIMIT`."""
-    reason = f"the file is larger than {SIZE_LIMIT >> 20} MiB, the largest size of a scene; "
-    return SceneError(f"{reason}write repeated solids by SOLID", path, "size")
+    return SceneError(f"the file is larger than {SIZE_LIMIT >> 20} MiB; write repeated solids by SOLID", path, "size")
 
 
 def _with_separate_indices(document: Document) -> Document:
@@ -143,11 +142,9 @@ def _settings_problems(document: Document) -> Iterator[Problem]:
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
     if scene.view.resolution[0] * scene.view.resolution[1] > PIXELS:
-        reason = f"these are too many pixels; expected {PIXELS} at most"
-        yield document.error(reason, "view", "resolution", code="range")
+        yield document.error(f"expected at most {PIXELS} pixels in all", "view", "resolution", code="range")
     if scene.view.focus is not None and not scene.view.aperture:
-        reason = f"{document.text_of('view', 'focus').split()[0]} has no effect without APERTURE; add APERTURE"
-        yield document.warning(reason, "view", "focus", code="no-effect")
+        yield document.warning("FOCUS has no effect without APERTURE; add it", "view", "focus", code="no-effect")
 
 
 def _lights_problems(document: Document) -> Iterator[Problem]:
@@ -157,8 +154,7 @@ def _lights_problems(document: Document) -> Iterator[Problem]:
     for number, light in enumerate(scene.lights):
         intensities.append((light.intensity, ("lights", number, "intensity")))
         if light.kind != "sky" and not document.is_given("lights", number, "position"):
-            word = document.text_of("lights", number)
-            reason = f"this {word} light has no position; expected it after {word}, such as position 0 20 10"
+            reason = "this light has no position; expected one, such as position 0 20 10"
             yield document.error(reason, "lights", number, code="incomplete")
     for color, path in intensities:
         if 0 < max(color) < DARK:
@@ -186,8 +182,7 @@ def _materials_problems(document: Document) -> Iterator[Problem]:
             yield document.error(reason, "surfaces", index, "slope", code="range")
         path = "surfaces", index, "thickness"
         if s.material == "dielectric" and s.transmittance is None and document.is_given(*path):
-            reason = f"{document.text_of(*path)} has no effect without transmittance; add transmittance"
-            yield document.warning(reason, *path, code="no-effect")
+            yield document.warning("thickness has no effect without transmittance; add it", *path, code="no-effect")
 
 
 def _kinds_problems(document: Document) -> Iterator[Problem]:
@@ -239,8 +234,7 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
             reason = f"unknown texture {quote(name)}; expected {listing(names[:20])}, an image file or NULL"
             yield document.error(reason + nearest(name, [*names, *ALIASES]), *path, code="unknown-name")
         if slot == 1 and texture and texture.image:
-            reason = "the second texture slot is for solid textures; expected the image in the first slot"
-            yield document.error(reason, *path, code="texture")
+            yield document.error("expected an image in the first texture slot, not the second", *path, code="texture")
 
 
 def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
@@ -248,14 +242,11 @@ def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):
             if index not in used:
-                reason = f"{document.text_of(field, index)} {index} is not used: no primitive has this index; delete it"
-                yield document.warning(reason, field, index, code="unused")
+                yield document.warning(f"no primitive has the index {index}; delete this", field, index, code="unused")
     for path in document.spans:
         if path[0] == "defaults" and path[1] not in document.uses:
-            reason = f"nothing below uses ${path[1]}; delete this statement, or use the name"
-            yield document.warning(reason, *path, code="unused")
+            yield document.warning(f"nothing below uses ${path[1]}; delete this", *path, code="unused")
     if not scene.csg:
-        reason = "the scene has no CSG-TREE: only the background is visible; add the tree of its solids"
-        yield document.warning(reason, "csg", code="no-tree")
+        yield document.warning("the scene has no solids; add a CSG-TREE", "csg", code="no-tree")
     if not scene.lights:
         yield document.warning("the scene has no lights; add LIGHTS", "lights", code="no-lights")

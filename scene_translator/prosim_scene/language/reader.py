@@ -121,8 +121,7 @@ class Reader(Scanner):
         more than comments. A text that ends without END is an error.
         """
         if not self.keyword.role:
-            reason = "the file ends here and END is missing; expected END as the last statement"
-            self.add_error(self.last.span, reason, "no-end")
+            self.add_error(self.last.span, "the file ends here; expected END as the last statement", "no-end")
         elif rest := self.source.text[self.position :].lstrip():
             end = len(self.source.text)
             self.tokens.append(Token("COMMENT", rest.rstrip(), end - len(rest), end))
@@ -191,8 +190,7 @@ class Reader(Scanner):
         """Stores the span of a part of the value; an error about ``what`` if it is already set."""
         if first := self.spans.get(self.path + path):
             line, _ = self.source.line_column(first.start)
-            reason = f"{what} stands twice; the first is on line {line}; delete one"
-            self.add_error(token.span, reason, "twice")
+            self.add_error(token.span, f"{what} stands twice; the first is on line {line}; delete one", "twice")
         else:
             self.store_span(token.span, *path)
 
@@ -413,8 +411,7 @@ class Reader(Scanner):
         token = self.read_token(frozenset(("WORD",)))
         self.begin_value("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.WORDS_BY_SPELLING:
-            reason = f"found {quote(token.text)}, a word of the language; expected another name"
-            self.add_error(token.span, reason, "name")
+            self.add_error(token.span, f"{quote(token.text)} is a keyword; expected another name", "name")
         error_count, nodes = len(self.errors), self.read_csg_tree()
         if not nodes and len(self.errors) == error_count:
             self.add_error(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
@@ -460,11 +457,9 @@ class Reader(Scanner):
             reason = f"this {quote(texts[number])} lacks {operands}; expected a primitive or an operator; {PREFIX}"
         elif [isinstance(node, model.Operator) for node in nodes[:3]] == [False, True, False]:
             code = "infix"
-            reason = f"found {quote(texts[1])} between its operands; "
-            reason += f"expected it before them: {texts[1]} {texts[0]} {texts[2]}"
+            reason = f"found {quote(texts[1])} between its operands; expected {texts[1]} {texts[0]} {texts[2]}"
         else:
-            reason = f"found {quote(texts[number])} after the tree is complete; "
-            reason += f"expected the next statement, or an operator before the operands; {PREFIX}"
+            reason = f"found {quote(texts[number])} after the end of the tree; {PREFIX}"
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
@@ -479,8 +474,7 @@ class Reader(Scanner):
         index = self.read_numbers(keyword, TREE)
         self.used_primitives += sum(1 + len(node.within) for node in solid if isinstance(node, model.Leaf))
         if self.used_primitives > MAX_PRIMITIVES:
-            reason = f"the solids have more than {MAX_PRIMITIVES} primitives; expected fewer uses of {keyword.text}"
-            raise self.source.error(keyword.span, reason, "range")
+            raise self.source.error(keyword.span, f"expected no more than {MAX_PRIMITIVES} primitives", "range")
         span = self.span_from(keyword)
         for position in range(len(solid)):
             self.store_span(span, number + position)
@@ -504,13 +498,11 @@ class Reader(Scanner):
             self.read_token(SLOTS)
         if (parameter := self.token).role == "SHAPE_PARAMETER":
             if shape not in find_word(parameter.role, parameter.text).kinds:
-                reason = f"{parameter.text} has no effect on {keyword.text}; it is for CONE and TORUS"
-                raise self.source.error(parameter.span, reason, "unexpected")
+                raise self.source.error(parameter.span, f"only CONE and TORUS have a {parameter.text}", "unexpected")
             radius = self.read_numbers(parameter, SLOTS)
         while (token := self.token).role not in TREE:
             if len(slots) == 2:
-                reason = f"found {quote(token.text)}, a third texture; expected two at most"
-                raise self.source.error(token.span, reason, "count")
+                raise self.source.error(token.span, "this is a third texture; expected two at most", "count")
             self.store_span(token.span, number, "textures", len(slots))
             slots.append(_texture(token))
             self.read_token(SLOTS)
@@ -553,9 +545,8 @@ class Reader(Scanner):
                 suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion
         elif opening and not lacks_numbers:
-            line, column = self.source.line_column(opening.start)
-            reason = f"; expected ')' before it: the '(' on line {line}, column {column} is not closed"
-            code = "unclosed"
+            line, _ = self.source.line_column(opening.start)
+            reason, code = f"; expected ')' before it, because of the '(' on line {line}", "unclosed"
         elif not lacks_numbers:
             owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
             if owner != self.keyword.role and roles & STATEMENTS and roles - STATEMENT_END:

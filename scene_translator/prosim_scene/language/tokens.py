@@ -126,8 +126,7 @@ class Scanner(ABC):
         """Reads a comment: with ``#`` or a parenthesis ("mark"), which must be closed (SceneError)."""
         if kind == "mark":
             if start not in self.closings:
-                reason = "this comment is not closed; expected ')'"
-                raise self.source.error(Span(start, start + 1), reason, "unclosed")
+                raise self.source.error(Span(start, start + 1), "this comment is not closed; expected ')'", "unclosed")
             self.position = self.closings[start]
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
@@ -156,8 +155,8 @@ class Scanner(ABC):
         SceneError for a wrong name, and for a value that would be a keyword of the language at this place.
         """
         if not NAME.fullmatch(name, 1):
-            reason = "expected letters, digits and _ after $, and arithmetic in braces: {$x - 1}"
-            raise self.source.error(span, f"found {quote(name)}; {reason}", "name")
+            reason = f"found {quote(name)}; expected letters, digits and _ after $, and arithmetic as in {{$x - 1}}"
+            raise self.source.error(span, reason, "name")
         expected = self.expected
         if "VARIABLE" in expected:
             return Token("VARIABLE", name, *span)

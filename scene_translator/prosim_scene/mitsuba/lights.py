@@ -51,8 +51,7 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
     if units == "calibrated":
         d = math.dist(light.position, context.scene.view.vrp)
         if d <= (light.radius if light.kind == "area" else 0):
-            reason = "this light is at VRP, where light units 'calibrated' define its irradiance; "
-            reason += "expected another position, or other light units"
+            reason = "light units 'calibrated' need a light that is not at VRP; move it, or choose other light units"
             raise context.document.error(reason, "lights", number)
         factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
     elif light.kind == "point" and units == "radiance":
@@ -82,9 +81,7 @@ def warn_of_radius(context: Context, number: int, light: Light) -> None:
     path = "lights", number, "radius"
     if light.kind == "point" and context.options.light_units != "radiance" and context.document.is_given(*path):
         word = context.document.text_of(*path)
-        context.document.warn(
-            f"{word} has an effect on a POINT light only with light units 'radiance'; delete it", *path
-        )
+        context.document.warn(f"a POINT light has a {word} only with light units 'radiance'; delete it", *path)
 
 
 def warn_of_hidden_lights(context: Context, corners: Sequence[np.ndarray]) -> None:

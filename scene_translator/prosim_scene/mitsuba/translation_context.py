@@ -116,8 +116,7 @@ class Context:
                 raise ValueError("is not a valid file name; expected the name of a file in the scene's folder")
             full = Path(os.path.realpath(located(folder, name)))  # realpath also accepts circular links
             if not self.options.allow_outside and not full.is_relative_to(folder.resolve()):
-                reason = "is outside the scene's folder; move it there, or use the option --allow-outside, "
-                raise ValueError(f"{reason}in Python allow_outside=True")
+                raise ValueError("is outside the scene's folder; move it, or use --allow-outside (allow_outside=True)")
             if not full.is_file():
                 quotes = "; write a file name in double quotes, or without quotes" if name.startswith("'") else ""
                 raise ValueError(f"does not exist in the scene's folder{quotes}")

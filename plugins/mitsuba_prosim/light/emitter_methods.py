@@ -20,18 +20,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import (
-    AREA,
-    ENVMAP,
-    MESH_ATTRIBUTE,
-    SPHERE,
-    has_unique_uv,
-    is_mirrored_cylinder,
-    linear_part,
-    mesh_positions,
-    outer_normal,
-    samples_elsewhere,
-)
+from .. import compat
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -52,7 +41,7 @@ def has_points(emitter: mi.Emitter) -> bool:
     shape = emitter.get_shape()
     if shape is None or not has_area(shape):
         return False
-    return all(node.class_name() != MESH_ATTRIBUTE for node in mi.traverse(emitter).hierarchy)
+    return all(node.class_name() != compat.MESH_ATTRIBUTE for node in mi.traverse(emitter).hierarchy)
 
 
 def has_area(shape: mi.Shape) -> bool:
@@ -104,7 +93,7 @@ def scales(emitter: mi.Emitter) -> bool:
     """Tells whether the transform of ``emitter`` is no rotation and no reflection; False if it has no transform."""
     import numpy as np
 
-    m = linear_part(emitter)
+    m = compat.linear_part(emitter)
     return bool(m.any()) and not np.allclose(m @ m.T, np.eye(3), atol=1e-3)
 
 
@@ -114,7 +103,7 @@ def tilt_loss(shape: mi.Shape) -> float:
     """
     import numpy as np
 
-    parameters, positions = mi.traverse(shape), mesh_positions(shape)
+    parameters, positions = mi.traverse(shape), compat.mesh_positions(shape)
     if positions is None or "vertex_normals" not in parameters or not len(parameters["vertex_normals"]):
         return 0.0
     faces = np.array(parameters["faces"]).reshape(-1, 3)
@@ -145,22 +134,22 @@ def sample_shape(
     Mitsuba 3.9 leaves out for a sphere.
     """
     ds = shape.sample_direction(it, sample, active)
-    if with_uv and shape.class_name() == SPHERE:
+    if with_uv and shape.class_name() == compat.SPHERE:
         ds.uv = shape.ray_intersect(mi.Ray3f(it.p, ds.d), +mi.RayFlags.All, active).uv
-    ds.n = outer_normal(shape, ds.p, ds.n)
+    ds.n = compat.outer_normal(shape, ds.p, ds.n)
     return ds
 
 
 def sample_point(shape: mi.Shape, time: mi.Float, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
     """Returns ``shape.sample_position`` with the outer normal."""
     ps = shape.sample_position(time, sample, active)
-    ps.n = outer_normal(shape, ps.p, ps.n)
+    ps.n = compat.outer_normal(shape, ps.p, ps.n)
     return ps
 
 
 def omits_directions(emitter: mi.Emitter) -> bool:
     """Tells whether ``emitter`` does not sample all directions in which it shines (``mis_compensation``)."""
-    if emitter.class_name() != ENVMAP:
+    if emitter.class_name() != compat.ENVMAP:
         return False
 
     def omitted(i: mi.UInt32) -> mi.Bool:
@@ -181,15 +170,15 @@ def omits_directions(emitter: mi.Emitter) -> bool:
 
 def loses_light(area: mi.Emitter) -> bool:
     """Tells whether Mitsuba's ``area`` cannot sample its shape, or may not reach all points of its texture."""
-    if not has_points(area) or is_mirrored_cylinder(area.get_shape()):
+    if not has_points(area) or compat.is_mirrored_cylinder(area.get_shape()):
         return True
     if not mi.has_flag(area.flags(), mi.EmitterFlags.SpatiallyVarying):
         return False
-    return not has_unique_uv(area.get_shape()) or samples_elsewhere(mi.traverse(area), "radiance.")
+    return not compat.has_unique_uv(area.get_shape()) or compat.samples_elsewhere(mi.traverse(area), "radiance.")
 
 
 def _is_sampled_by_shape(emitter: mi.Emitter) -> bool:
-    if emitter.class_name() != AREA:
+    if emitter.class_name() != compat.AREA:
         return False
     return not mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying) or loses_light(emitter)
 
@@ -271,7 +260,7 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-            if one.class_name() == AREA:
+            if one.class_name() == compat.AREA:
                 return sample_point(one.get_shape(), 0.0, sample, active)
             return one.sample_position(0.0, sample, active)[0]
 

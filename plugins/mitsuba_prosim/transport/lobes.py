@@ -15,6 +15,9 @@ import mitsuba as mi
 #: chooses the direction.
 LobePoint: TypeAlias = "tuple[mi.Float, mi.Point2f]"
 
+#: BSDF contexts that each select some lobes.
+Lobes: TypeAlias = "tuple[mi.BSDFContext, ...]"
+
 #: Names of the ``mi.BSDFFlags`` of the specular reflection, glossy or ideal.
 REFLECTED = ("GlossyReflection", "DeltaReflection")
 #: Names of the ``mi.BSDFFlags`` of the specular transmission, glossy or ideal, alone and with null lobes.
@@ -40,7 +43,7 @@ def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDF
     return mi.BSDFContext(context.mode, context.type_mask & mask(*names), context.component)
 
 
-def glossy(flags: int, tree: bool) -> tuple[mi.BSDFContext, ...]:
+def glossy(flags: int, tree: bool) -> Lobes:
     """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``: two,
     for reflection and transmission, in a ray ``tree``, which samples a ray of each; one on a path.
     """

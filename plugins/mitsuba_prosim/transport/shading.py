@@ -196,12 +196,7 @@ def sample_lamp(
 
 
 def lamp_light(
-    context: Context,
-    vertex: Vertex,
-    points: Points,
-    k: Index,
-    sample: LightSample,
-    mis_lobes: tuple[mi.BSDFContext, ...],
+    context: Context, vertex: Vertex, points: Points, k: Index, sample: LightSample, mis_lobes: lobes.Lobes
 ) -> Radiance:
     """Returns the radiance that ``vertex`` scatters from one ``sample`` of light source number ``k``; 0 if the sampled
     point is hidden.

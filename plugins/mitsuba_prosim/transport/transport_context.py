@@ -103,7 +103,7 @@ class Context:
         #: Whether it matters that some surfaces let camera rays pass straight through.
         self.sees_through = bool(lobes.has_any(self.flags, "Null")) and (settings.hide_emitters or not self.shows_sky)
         #: The lobes whose light comes from light sampling and from their own rays, combined by MIS.
-        self.mis_lobes: tuple[mi.BSDFContext, ...] = (mi.BSDFContext(),)
+        self.mis_lobes: lobes.Lobes = (mi.BSDFContext(),)
         #: The lobes whose light comes from light sampling alone, because emission at the end of their rays does not
         #: count, or because no ray can hit a light source. None if there are no such lobes.
         self.light_lobes: mi.BSDFContext | None = None

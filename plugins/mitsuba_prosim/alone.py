@@ -1,7 +1,5 @@
 """A lock for work that only one thread may do at a time: loading a scene, tracing and launching Dr.Jit kernels."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Iterator

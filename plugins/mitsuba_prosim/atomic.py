@@ -1,7 +1,5 @@
 """Writes files so that each file is either complete or absent; creates temporary folders."""
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

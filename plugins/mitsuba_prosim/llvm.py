@@ -5,8 +5,6 @@ library folders. The file ``mitsuba_prosim_llvm.pth``, which Python executes at 
 unset, to the LLVM that this package requires. ``pyproject.toml``, that file and this module name the same version.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 

@@ -5,8 +5,6 @@ defines a plugin is executed again when the variant changes; a module of functio
 call, only once.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import pkgutil

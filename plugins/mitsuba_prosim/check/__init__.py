@@ -10,8 +10,6 @@ The function takes the name of a type, a dictionary or an XML file, and returns 
 It tests in the active variant, and then compares the other variants, which are active meanwhile.
 """
 
-from __future__ import annotations
-
 from .report import Report, Result, WrongPluginError
 from .run import check, check_apart
 from .subject import KINDS

@@ -1,7 +1,5 @@
 """Random inputs of tests, and what a plugin returns as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs all tests of a plugin, in this process or in another one that may crash."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase

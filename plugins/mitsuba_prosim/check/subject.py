@@ -1,7 +1,5 @@
 """The plugin under test, which is loaded in several variants and with changed parameters."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import sys

@@ -2,8 +2,6 @@
 with other parameters, and with derivatives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """``prosim check``: tests whether a plugin, or each plugin of a scene, is right."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

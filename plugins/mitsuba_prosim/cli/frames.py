@@ -1,7 +1,5 @@
 """``prosim render --frames``: renders an animation, in which $frame changes from frame to frame."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

@@ -1,7 +1,5 @@
 """``prosim mix``: changes the brightness and the colour of the lamps of a rendered image."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

@@ -2,8 +2,6 @@
 state file, or merge the parts of an image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -2,8 +2,6 @@
 end a render early, such as that of Ctrl-C, so that the samples taken so far are kept.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import signal

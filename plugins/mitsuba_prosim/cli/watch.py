@@ -1,7 +1,5 @@
 """``prosim watch``: shows a scene on a page in the browser, and renders the scene again when its file is saved."""
 
-from __future__ import annotations
-
 import os
 import socket
 import sys

@@ -3,8 +3,6 @@
 The squares of random numbers on the page are the patterns of the thesis (figures 4.7, 5.10 and 5.11).
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

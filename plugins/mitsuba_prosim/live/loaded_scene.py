@@ -1,7 +1,5 @@
 """Opens a scene file, moves the scene's camera, and finds the name of the surface that is visible at a pixel."""
 
-from __future__ import annotations
-
 from math import radians, tan
 from typing import Any
 

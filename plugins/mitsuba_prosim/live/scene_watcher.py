@@ -1,7 +1,5 @@
 """Detects changes of a scene's files."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The web server of the live page. Only users of this machine who know the secret address can open the page."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

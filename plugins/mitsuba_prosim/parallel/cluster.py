@@ -1,7 +1,5 @@
 """Starts a Dask cluster with workers on this machine, or connects to the scheduler of a running cluster."""
 
-from __future__ import annotations
-
 import logging
 import os
 import signal

@@ -1,7 +1,5 @@
 """Executor that computes work items as tasks of a Dask cluster."""
 
-from __future__ import annotations
-
 import pickle
 import time
 import warnings

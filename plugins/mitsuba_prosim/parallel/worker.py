@@ -4,8 +4,6 @@ All tasks of a worker run in a single thread, which uses all threads of Dr.Jit. 
 their tasks are executed in turn.
 """
 
-from __future__ import annotations
-
 import gc
 import io
 import pickle

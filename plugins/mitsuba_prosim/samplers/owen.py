@@ -1,7 +1,5 @@
 """The Owen-scrambled Sobol' sampler, for any integrator."""
 
-from __future__ import annotations
-
 from ..parameters import describe
 from ..registry import plugin
 from ..sampling.sampler import PureSampler

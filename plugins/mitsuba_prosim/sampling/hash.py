@@ -1,7 +1,5 @@
 """Integer hash functions, which make a sample a pure function of pixel, space (pair of random numbers) and index."""
 
-from __future__ import annotations
-
 from typing import Any
 
 #: 2^32 divided by the golden ratio: the multiples of this number are far from each other modulo 2^32.

@@ -2,8 +2,6 @@
 image.
 """
 
-from __future__ import annotations
-
 import difflib
 from pathlib import Path
 

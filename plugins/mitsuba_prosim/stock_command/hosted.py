@@ -5,8 +5,6 @@ by this program. Before this program starts, the native command has checked the 
 that come before the scene with the plugin on the command line.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

@@ -6,8 +6,6 @@ pass of an evaluated loop of Dr.Jit visits variables in the order of a hash tabl
 each iteration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from typing import Any

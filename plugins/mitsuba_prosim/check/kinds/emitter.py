@@ -1,7 +1,5 @@
 """Tests of an emitter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """Tests of what makes images: sensors, films, filters, samplers and integrators."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

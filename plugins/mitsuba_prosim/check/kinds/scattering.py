@@ -1,7 +1,5 @@
 """Tests of what scatters light: BSDFs, phase functions and media."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

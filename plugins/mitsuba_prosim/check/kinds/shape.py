@@ -1,7 +1,5 @@
 """Tests of a shape."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import mitsuba as mi

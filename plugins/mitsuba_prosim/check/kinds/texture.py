@@ -1,7 +1,5 @@
 """Tests of a texture or a spectrum."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import drjit as dr

@@ -24,8 +24,8 @@ import pytest
 from mitsuba_prosim.engine import environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
 from mitsuba_prosim.parallel import cluster, worker
-from mitsuba_prosim.parallel.bundle import SceneBundle
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor
+from mitsuba_prosim.parallel.worker import SceneBundle
 from mitsuba_prosim.scene import scene_file
 from running import ADAPTIVE_PATH, LIT_FLOOR, alike, done, prosim, refused, scene_text
 from test_samples_per_pixel import INTEGRATORS, SPP

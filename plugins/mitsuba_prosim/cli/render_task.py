@@ -164,8 +164,8 @@ class Resources(ExitStack):
             return None
         require_extra("cluster", option)
         from ..parallel import cluster
-        from ..parallel.bundle import SceneBundle
         from ..parallel.executor import DaskExecutor
+        from ..parallel.worker import SceneBundle
 
         with input_errors():
             bundle = SceneBundle.of(file, job.sensor)

@@ -16,7 +16,7 @@ from ..engine import environment
 from ..engine.accumulators import Accumulators
 from ..engine.work import Executor, Results, WorkItem
 from . import worker
-from .bundle import SceneBundle
+from .worker import SceneBundle
 
 #: Seconds between two checks of the workers; seconds without workers after which a warning is emitted.
 CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0

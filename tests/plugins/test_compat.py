@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim import compat
-from mitsuba_prosim.light.spheres import SphereLights
+from mitsuba_prosim.light.strategy import SphereLights
 from scenes import load_scene, mesh, penumbra
 
 #: Parameters of Mitsuba 3.9 -> those of 3.10.

@@ -7,8 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
-from mitsuba_prosim.light.spheres import direction_to_sphere
-from mitsuba_prosim.light.strategy import Receiver
+from mitsuba_prosim.light.strategy import Receiver, direction_to_sphere
 from scenes import T, bitmap, camera, derivative, diffuse, film, grid, ground, load_scene, rgb, sphere_lamp
 
 CENTRE, RADIUS = [1.5, 3.0, 1.0], 0.4

@@ -2,7 +2,7 @@
 
 By Nusselt's analogy, directions with the density cos(theta) / (projected solid angle) project to points that are
 uniform in area, in a region of the tangent plane: the projection of the cap that the light source covers on the unit
-sphere of directions, above the horizon. :mod:`.spheres` gives the reason for this density.
+sphere of directions, above the horizon. :mod:`.strategy` gives the reason for this density.
 
 The region is composed of two pieces, each sampled without rejection: the ellipse whose border is the projection of the
 cap's boundary circle, if the centre is above the horizon; and the crescent between the ellipse and the unit circle,

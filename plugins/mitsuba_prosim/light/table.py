@@ -16,8 +16,7 @@ import mitsuba as mi
 from ..compat import emitter_pointers, emitters_in_order
 from ..masks import but_not, fold, idle
 from .emitter_methods import Emitter
-from .spheres import SphereLights
-from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver
+from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, SphereLights
 
 #: Strategies for lamps, in order of preference. A lamp is any light source except a constant sky. The first strategy
 #: that can sample an emitter takes it.

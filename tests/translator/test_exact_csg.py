@@ -11,7 +11,7 @@ import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
 from prosim_scene import SceneWarning
-from prosim_scene.geometry import surfaces
+from prosim_scene.geometry import csg, surfaces
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf
 from prosim_scene.view import camera_of
@@ -176,9 +176,10 @@ def test_narrow_strips_and_holes_that_touch_leave_no_film():
         assert [area(meshes[i]) for i in range(len(areas))] == pytest.approx(areas)
 
 
-@pytest.mark.parametrize("sign, result", [("-", 64 * 0.75), ("+", 64 + 64 * 0.5)])
-def test_a_crowd_of_holes_and_of_pegs(sign, result):
-    """Holes through a plate, or pegs that stand out on both sides."""
+@pytest.mark.parametrize("sign, cuts, result", [("-", 64, 64 * 0.75), ("-", 1, 64 * 0.75), ("+", 64, 64 + 64 * 0.5)])
+def test_a_crowd_of_holes_and_of_pegs(monkeypatch, sign, cuts, result):
+    """Holes through a plate, which is refined before if there are many per triangle, or pegs on both sides."""
+    monkeypatch.setattr(csg, "MAX_CUTS", cuts)
     places = [f"TRANSLATE ({x + 0.25} {y + 0.25} -1)" for x in range(8) for y in range(8)]
     transforms = ["SCALE (8 8 1)", *(f"SCALE (.5 .5 3) {place}" for place in places)]
     meshes = solids(scene(" ".join([sign] * 64 + [f"CUBE {i}" for i in range(65)]), transforms)).values()

@@ -25,7 +25,7 @@ from ..optics.cosine import sample_falloff
 from ..sampling import sobol
 from ..sampling.hash import combine
 from ..transport import lobes
-from ..transport.workarounds import is_inseparable
+from ..transport.scattering import is_inseparable
 
 #: Maximum number of spheres. If there are more specular surfaces, neighbours share one sphere.
 MAX_TARGETS = 64

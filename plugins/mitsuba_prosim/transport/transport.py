@@ -22,9 +22,9 @@ from .differentiable_loop import differentiable_loop
 from .next_ray import Path, Tree
 from .radiance import Radiance
 from .ray import Ray
+from .scattering import warn_of_lost_light
 from .shading import shade
 from .transport_context import Context
-from .workarounds import warn_of_lost_light
 
 #: About how many rays a path traces.
 RAYS_PER_PATH = 10

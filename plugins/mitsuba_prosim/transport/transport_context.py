@@ -17,8 +17,7 @@ from . import lobes
 from .absorption import absorbs_any, pointer
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
-from .scattering import Scattering
-from .workarounds import warn_of_blends_in_maps
+from .scattering import Scattering, warn_of_blends_in_maps
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,23 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
 
 
 @pytest.mark.parametrize(
+    "options, least",
+    [((), 0.05), (("--denoise",), 0.5), (("--checkpoint",), 0.7), (("--checkpoint", "--denoise", "--noise", 0.5), 0.3)],
+    ids=["image", "denoised", "state", "state in halves"],
+)
+def test_space_that_is_checked_suffices(write_scene, variant_rgb, monkeypatch, options, least):
+    """And is not much more than the files need."""
+    sizes, check = [], files.check
+    monkeypatch.setattr(
+        files, "check", lambda stem, suffixes, size, of: (sizes.append(size), check(stem, suffixes, size, of))
+    )
+    scene = write_scene(scene_text(ADAPTIVE_PATH, LIT_FLOOR, 128, 96, "independent", 2), "s.xml")
+    done("render", scene, *options)
+    written = sum(path.stat().st_size for path in scene.parent.iterdir() if path != scene)
+    assert least * (sizes[0] - 2**16) < written < sizes[0]
+
+
+@pytest.mark.parametrize(
     "command, given, says",
     [
         ("render", "", "give a name or a folder"),

@@ -1,11 +1,14 @@
 """The verdict on a render names the cause of a fault."""
 
+import time
+
 import mitsuba as mi
 import mitsuba_prosim
 import pytest
 from mitsuba_prosim.engine.tiny_lamps import has_glass
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
+from mitsuba_prosim.explaining.verdict import verdict
 from scenes import T, area, camera, diffuse, film, penumbra, rgb
 
 PATH = {"type": "path", "max_depth": 6}
@@ -123,6 +126,14 @@ def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     mitsuba_prosim.render(made, noise=1, progress=False)  # compiles the kernels
     limited = mitsuba_prosim.render(made, noise=1e-5, time=0.5, progress=False)
     assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
+
+
+@pytest.mark.parametrize("seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (-9, 1.1, False)])
+def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, compiled, told):
+    made = mi.load_dict(scene({"type": "prosim_adaptive", "nested": PATH, "time": 1.0, "max_samples": 2}, **panel()))
+    late = made.integrator().progressive(made, made.sensors()[0]).run()
+    late.target.started, late.executor.launching = time.perf_counter() - seconds, compiled
+    assert (f"Kernels were compiled for {compiled} s" in verdict(late)) == told
 
 
 def test_good_image_has_no_cause(variant_rgb):

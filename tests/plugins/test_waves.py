@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
@@ -18,7 +19,7 @@ from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.explaining.verdict import verdict
-from scenes import COPPER, CROP, alone, loaded, penumbra, rgb, slow, sphere_lamp
+from scenes import COPPER, CROP, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 
@@ -396,6 +397,15 @@ def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
         samples = executor.limit(10**7, 0.01)
         executor.update_speed(samples, 0.02 + 1e-7 * samples)  # the launch takes longer than a work item should
     assert samples > 1000
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_speed_is_measured_with_any_number_of_threads(variant_rgb, threads):
+    """One thread computes a kernel when it launches it; several threads compute it later."""
+    item = SimpleNamespace(samples=100, compute=lambda: time.sleep(0.02))
+    executor = Executor()
+    in_threads(threads, lambda: list(executor(iter([item] * 4))))
+    assert (executor.speed < 100 / 0.02) == (threads == 1) and (executor.overhead > 0.01) == (threads == 2)
 
 
 def test_time_limit_keeps_first_work_items_of_slow_scene_small(variant_rgb):

@@ -103,8 +103,12 @@ class RenderTask:
                 "names. Render it again, or give the right one by --scene."
             )
         width, height = film.crop_size()
-        # Bytes per pixel: ten channels of 32 bits, the PNG, and the integrator's own channels.
-        size = int(width * height) * (48 + 4 * len(integrator.aov_names())) + 2**16
+        # Bytes per pixel: ten channels of 32 bits, the PNG, and the integrator's own channels; further channels
+        # of a denoiser; and the 64-bit sums of a state, for each pixel within the filter's reach.
+        aovs, within = len(integrator.aov_names()), (2 * film.rfilter().border_size() + 1) ** 2
+        each = 48 + 4 * aovs + 12 * self.denoise
+        each += (36 + 8 * within * (5 + aovs)) * (1 + self.denoise) * bool(self.state_suffix)
+        size = int(width * height) * each + 2**16
         suffixes = [*(() if job.part else SUFFIXES), *filter(None, [self.state_suffix])]
         files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 

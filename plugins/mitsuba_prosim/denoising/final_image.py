@@ -76,7 +76,7 @@ def denoised_progressive(
     final = FinalImage(render, denoiser, why_raw)
     if limit:
         render.target.reserved = 0.0 if why_raw else denoiser.reserved
-        render.target.started -= spent
+        render.target.started, render.target.prepared = render.target.started - spent, spent
     return final
 
 

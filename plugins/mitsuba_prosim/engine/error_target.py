@@ -60,6 +60,8 @@ class ErrorTarget:
     started: float
     #: Seconds at the end in which no samples are taken, because the denoiser needs them.
     reserved: float = 0.0
+    #: Seconds in which the denoiser was prepared before the render.
+    prepared: float = 0.0
 
     def excess(self, noise: Sequence[float]) -> float:
         """Returns the largest ratio of a measured error in ``noise`` to the limit of this error, at most 1e100.

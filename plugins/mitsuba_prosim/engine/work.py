@@ -117,6 +117,8 @@ class Executor:
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
         #: Number of measured work items, and seconds in which the latest one was traced and launched.
         self.measured, self.overhead = 0, 0.0
+        #: Seconds in which kernels were traced, compiled and launched.
+        self.launching = 0.0
 
     def limit(self, left: int, seconds: float = np.inf) -> int:
         """Returns the maximum number of samples of the next work item.
@@ -142,6 +144,7 @@ class Executor:
         if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
             self.speed = speed
         self.overhead = overhead if self.measured else 0.0
+        self.launching += overhead
         self.measured += 1
 
     def __call__(self, items: Iterator[WorkItem]) -> Results:
@@ -151,6 +154,8 @@ class Executor:
             item.compute()
             launched = time.perf_counter()
             dr.sync_thread()
+            if self.measured and dr.thread_count() == 1 and dr.backend_v(mi.Float) == dr.JitBackend.LLVM:
+                launched = started  # a single thread has computed the kernel when it launched it
             self.update_speed(item.samples, time.perf_counter() - launched, launched - started)
             yield item
 

@@ -90,7 +90,16 @@ def verdict(
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):  # the image is finished, and must not be lost
                 sentences.append(cause(render, integrator, file))
+    if isinstance(render, Render):
+        sentences.append(why_late(render))
     return ". ".join(filter(None, sentences))
+
+
+def why_late(render: Render) -> str:
+    """Returns that the compilation of kernels has exceeded the time limit, in words; empty if it has not."""
+    target, compiled = render.target, render.target.prepared + render.executor.launching
+    late = target.seconds and max(0.05 * target.seconds, 0.2) < target.elapsed - target.seconds < compiled
+    return f"Kernels were compiled for {compiled:.1f} s; the next such render finds them in a cache" if late else ""
 
 
 def is_doubtful(render: Render, most: float) -> bool:

@@ -11,9 +11,8 @@ import OpenEXR
 from ..scene import images
 from ..scene.channels import mixed, of_channels, parse_factors
 from . import files
-from .files import IMAGE_FILE
 from .job import Command, Job, job_options
-from .option_types import InputError, input_errors
+from .option_types import IMAGE_FILE, InputError, input_errors
 from .render_task import SUFFIXES
 
 #: Largest allowed difference between an image and the sum of its layers, relative to the brightest value. Rounding to

@@ -1,9 +1,12 @@
 """The types of the values of command-line options, and options that the help text shows in groups."""
 
+import difflib
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import click
@@ -112,6 +115,49 @@ SNAPSHOTS = PatternType("X,X,...", "0.04,0.02 or 1s,4s", r"(\d*\.?\d+s?(?:,\d*\.
 DEFINITION = PatternType("key=value", "angle=30", "([^=]+)=(.*)", lambda *pair: pair)
 #: The port is required, because Dask would wait for ever for a scheduler without a port.
 ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says", r"((?:\w+://)?[^/]+:\d{1,5}/?)", str)
+
+
+# ---------------------------------------------------------------- input files
+
+#: Suffix of a file that a command does not read -> what the file is, and which command reads it.
+USES = {
+    ".npz": "the state or a part of a render; continue it by prosim resume, or merge all parts by prosim merge",
+    ".exr": "an image; prosim mix changes the lamps of an image with layers",
+    ".xml": "a Mitsuba scene; render it by prosim render",
+    ".scn": "a scene in the thesis's language; render it by prosim render",
+}
+
+
+class InputFile(click.Path):
+    """The click type of an argument that names an existing file with one of the suffixes ``read``, or with another one
+    that is not in :data:`USES`. A scene may be a pipe, but not one with XML, which Mitsuba reads several times.
+    """
+
+    def __init__(self, *read: str) -> None:
+        super().__init__(exists=True, dir_okay=False, path_type=Path)
+        self.read = read
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Returns the path of the file; raises BadParameter for a file that is missing or not allowed."""
+        path = Path(os.fsdecode(value))
+        try:
+            super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            files = list[str]()
+            with suppress(OSError):  # the folder cannot be read
+                files = os.listdir(path.parent) if path.parent.is_dir() and not path.exists() else []
+            near = [f" Did you mean {path.with_name(name)}?" for name in difflib.get_close_matches(path.name, files, 1)]
+            self.fail("".join([error.message, *near]), param, ctx)
+        suffix = path.suffix.lower()
+        if suffix in USES and suffix not in self.read:
+            self.fail(f"'{path}' is {USES[suffix]}.", param, ctx)
+        if not path.is_file() and not (path.is_fifo() and ".scn" in self.read and suffix != ".xml"):
+            self.fail(f"'{path}' is a device or a pipe; give a file.", param, ctx)
+        return path
+
+
+SCENE_FILE, LANGUAGE_FILE = InputFile(".scn", ".xml"), InputFile(".scn")
+STATE_FILE, IMAGE_FILE = InputFile(".npz"), InputFile(".exr")
 
 
 # ---------------------------------------------------------------- groups of the help

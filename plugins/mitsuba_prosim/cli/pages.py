@@ -12,9 +12,8 @@ import click
 import mitsuba as mi
 
 from . import files
-from .files import SCENE_FILE
 from .job import Command, Job, job_options, refuse_scalar
-from .option_types import Integer, Number, PatternType, input_errors, integers, option, require_extra
+from .option_types import SCENE_FILE, Integer, Number, PatternType, input_errors, integers, option, require_extra
 from .render_task import Resources
 from .terminal import Progress
 

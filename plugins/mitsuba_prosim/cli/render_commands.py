@@ -14,9 +14,9 @@ from ..engine.checkpoint import Checkpoint
 from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from . import files
-from .files import SCENE_FILE, STATE_FILE, image_stem
+from .files import image_stem
 from .job import OPTIONS, RUNNING, Command, Job, choose_variant, job_options
-from .option_types import input_errors, option
+from .option_types import SCENE_FILE, STATE_FILE, input_errors, option
 from .render_task import STATE_SUFFIX, SUFFIXES, render_and_write
 
 #: Policies that decide only once, by the first samples of each pixel. They cannot decide again after a checkpoint: with

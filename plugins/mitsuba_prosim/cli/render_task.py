@@ -1,4 +1,6 @@
-"""Renders one image step by step, and writes its files."""
+"""Renders one image step by step, writes its files, and reports what it has reached, by the metadata of the EXR file and
+by the lines that the command prints at the end.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from ..engine.error_target import SHARE
 from ..engine.plan import TARGETS
 from ..explaining.verdict import end_cause
 from ..scene import black, images, rendering, scene_file, session
-from . import files, report
+from . import files
 from .job import Job, refuse_scalar
 from .option_types import InputError, input_errors, require_extra
 from .terminal import Progress, interruptible, log
@@ -32,6 +34,18 @@ from .terminal import Progress, interruptible, log
 if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
     from ..parallel.executor import DaskExecutor
+
+
+from math import isnan
+from typing import TYPE_CHECKING
+
+from .. import __version__
+from ..engine.render import Reached
+from ..explaining.verdict import ERRORS, denoised_words, verdict
+
+if TYPE_CHECKING:
+    from ..denoising.final_image import FinalImage
+
 
 #: Suffixes of the files of an image, and of its checkpoint.
 SUFFIXES, STATE_SUFFIX = (".exr", ".png"), ".state.npz"
@@ -325,7 +339,7 @@ class Snapshots:
             if due:
                 self.left.remove(text)
                 render.update_film()
-                facts = report.metadata(task.job, task.integrator, reached, None, reached.seconds)
+                facts = metadata(task.job, task.integrator, reached, None, reached.seconds)
                 facts = {"prosim.noise_at_most": f"{render.noise_bound():.6g}"} | facts
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.exr(task.sensor.film().bitmap(), facts)
@@ -344,11 +358,11 @@ def finished_image(
         return {}, [], None
     job, film, added = task.job, task.sensor.film(), dict[str, str]()
     ended, bitmap = end_cause(render, interrupted), film.bitmap()
-    header = report.metadata(job, task.scene.integrator(), render.reached, ended, seconds)
+    header = metadata(job, task.scene.integrator(), render.reached, ended, seconds)
     if final is not None:
-        added = report.denoised_facts(final, interrupted)
+        added = denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
-    line = report.summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
+    line = summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
     why_black = None if interrupted else black.reason(task.scene, task.sensor, colours, exposure=exposure)
@@ -363,3 +377,51 @@ def check_denoising(film: mi.Film) -> None:
     from ..denoising.halves import check
 
     check(film)
+
+
+def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | None, seconds: float) -> dict[str, str]:
+    """Returns the metadata of an EXR image.
+
+    ``reached`` is None if the render is not progressive; otherwise, there are entries for the mean number of samples
+    per pixel and the measured errors. ``ended`` is the result of :func:`.end_cause`.
+    """
+    result = {"scene": job.scene, "version": __version__, "variant": job.variant, "integrator": str(integrator)}
+    result |= {"seed": str(job.seed), "seconds": f"{seconds:.3f}"}
+    if reached is not None:
+        values = {name: getattr(reached, name) for name in ("samples", *ERRORS, "noise_at_most")}
+        result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
+    if ended is not None:
+        result["ended"] = ended
+    return {f"prosim.{name}": value for name, value in result.items()}
+
+
+def summary(render: Any, final: FinalImage | None, interrupted: bool, integrator: Any, file: Any) -> str | None:
+    """Returns a line with the verdict, the samples and the seconds of a render, for the arguments of :func:`.verdict`;
+    None for a render with neither a target nor a ``final`` image of a denoiser.
+    """
+    reached = render.reached if end_cause(render) else None
+    if reached is None:
+        return None if final is None else denoised_words(final, interrupted)
+    limit = f" of {render.target.seconds:g}" if render.target.seconds else ""
+    words, stop, causes = verdict(render, final, interrupted, integrator, file).partition(". ")
+    return f"{words}, {reached.samples:.1f} samples a pixel, {reached.seconds:.1f} s{limit}{stop}{causes}"
+
+
+def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:
+    """Returns the metadata of the ``final`` image of a denoiser."""
+    if interrupted and len(final.render.half_images()) == 1:
+        return {"prosim.denoised": "no, interrupted"}
+    from ..denoising import oidn
+
+    result = final.denoised()
+    facts = {
+        "prosim.denoised": f"by Open Image Denoise {oidn.load().oidn_version()}, where two halves of the samples "
+        "agree; the layers raw and denoised of the EXR are what was mixed",
+        "prosim.denoised.noise": f"{result.noise:.6g}",
+        "prosim.denoised.raw_noise": f"{result.raw_noise:.6g}",
+    }
+    if why := final.why_raw:
+        facts["prosim.denoised"] = f"no: {why}"
+    if final.render.reached and (estimates := final.render.state.estimates):
+        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, ratio of the errors
+    return facts

@@ -8,9 +8,9 @@ import click
 import prosim_scene
 
 from ..stock_command import stand_ins
-from .files import FOREIGN, LANGUAGE_FILE
+from .files import FOREIGN
 from .job import Command, Job, job_options
-from .option_types import input_errors, option
+from .option_types import LANGUAGE_FILE, input_errors, option
 
 TARGETS = click.Choice(["prosim", "stock"])
 

@@ -13,10 +13,9 @@ from prosim_scene import TranslationCache
 from .. import atomic
 from ..explaining.verdict import end_cause
 from ..scene import images, session
-from .files import SCENE_FILE
 from .job import OPTIONS, Command, Job, job_options, refuse_scalar
-from .option_types import Integer, option, require_extra
-from .report import metadata
+from .option_types import SCENE_FILE, Integer, option, require_extra
+from .render_task import metadata
 from .terminal import interruptible, log
 
 #: Options of prosim render that prosim watch does not have: options for output files, other processes, and animations.

@@ -104,7 +104,7 @@ class TranslationFiles:
             try:
                 for name, content in self.meshes.items():
                     path = self.mesh_folder / name
-                    if not _has_content(path, content):
+                    if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
                         replace(path, content, self.mesh_folder)
                         written.append(path)
                 replace(self.xml, text.encode(), self.mesh_folder)
@@ -166,10 +166,6 @@ def _locked(folder: Path) -> Iterator[bool]:
         yield locked
     finally:
         os.close(descriptor)
-
-
-def _has_content(path: Path, content: bytes) -> bool:
-    return path.is_file() and not path.is_symlink() and path.read_bytes() == content
 
 
 def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:

@@ -146,7 +146,8 @@ WRONG = [
     (1, "NAME: x (unclosed", 9, "unclosed", ""),
     (1, 'NAME: "x', 7, "unclosed", ""),
     (1, "NAME: x )", 9, "unclosed", ""),
-    (6, "TRANSFORM 0 SCALE (1 1 1 ROTATE-X 3", 26, "unclosed", "because of the '(' on line 6"),
+    (6, "TRANSFORM 0 SCALE (1 1 1 ROTATE-X 3", 19, "unclosed", "this '(' is not closed"),
+    (6, "TRANSFORM 0 SCALE (1 1 1 ROTATE-X 3)", 26, "unexpected", "found 'ROTATE-X'; expected )"),
     (7, "", 25, "no-end", "END"),
 ]
 

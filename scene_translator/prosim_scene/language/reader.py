@@ -513,8 +513,8 @@ class Reader(Scanner):
     # ---- Syntax errors
 
     def unexpected_token(self, token: Token) -> SceneError:
-        """Returns the error: the token, what is expected, a suggestion. At the end of the text, it is about a ``(``
-        that is not closed, or about the last token.
+        """Returns the error: the token, what is expected, a suggestion. It is about a ``(`` of numbers that is not
+        closed, or at the end of the text about the last token.
         """
         roles, text, span = self.expected, token.text, token.span
         keyword, wanted = self.wanted or ("", words.NO_NUMBERS)
@@ -526,7 +526,7 @@ class Reader(Scanner):
             expected, reason, code = listing(self.expected_words(roles)), "", "unexpected"
         found, reason = f"found {quote(text)}", f"{reason}; expected {expected}"
         opening = next(t for t in reversed(self.tokens) if t.role == "LPAR") if "RPAR" in roles else None
-        if not token.role and opening:
+        if opening and opening.start not in self.closings:
             return self.source.error(opening.span, "this '(' is not closed; expected ')'", "unclosed")
         if not token.role:
             reason = f"the file ends after this; expected {expected}"
@@ -544,9 +544,6 @@ class Reader(Scanner):
             if self.keyword.role == "NAME":
                 suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion
-        elif opening and not lacks_numbers:
-            line, _ = self.source.line_column(opening.start)
-            reason, code = f"; expected ')' before it, because of the '(' on line {line}", "unclosed"
         elif not lacks_numbers:
             owner = words.STATEMENT_OF.get(token.role, self.keyword.role)
             if owner != self.keyword.role and roles & STATEMENTS and roles - STATEMENT_END:

@@ -120,10 +120,7 @@ def _shapes(
         number, leaf = scene.leaves[groups[key.material][0]]
         path = "surfaces", leaf.index
         with_uv = materials.effective_textures(leaf, scene.surfaces[leaf.index])[0] is not None
-        names: list[str] = []  # the first four
-        for i in groups[key.material]:
-            if len(names) < 4 and (name := document.name_of(scene.leaves[i][0], whole=True)) not in names:
-                names.append(name)
+        names = list(dict.fromkeys(document.name_of(scene.leaves[i][0], whole=True) for i in groups[key.material]))
         leaf_names = ", ".join(names[:3]) + ", ..." * (len(names) > 3)
         name = f"surface_{leaf.index}"
         while name in result:

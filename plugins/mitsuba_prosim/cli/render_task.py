@@ -1,5 +1,5 @@
-"""Renders one image step by step, writes its files, and reports what it has reached, by the metadata of the EXR file and
-by the lines that the command prints at the end.
+"""Renders one image step by step, writes its files, and reports what it has reached: in the metadata of the EXR file,
+and in the lines that the command prints at the end.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 image.
 """
 
+from __future__ import annotations
+
 import difflib
 from pathlib import Path
 

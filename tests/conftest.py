@@ -6,6 +6,7 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 """
 
 import ctypes
+import gc
 import os
 import signal
 from pathlib import Path
@@ -105,7 +106,16 @@ def compile_quickly():
         ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
 
 
+def share_the_cores():
+    """Gives each process of ``-n`` its share of the cores, because threads that wait for work would use a quarter of
+    the processor time. Tests of threads set their number by :func:`scenes.in_threads`.
+    """
+    dr.set_thread_count(max(1, dr.thread_count() // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))))
+
+
 def pytest_configure():
+    gc.disable()
+    share_the_cores()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell would ignore it
     compile_quickly()
     if "VECTOR_WIDTH" in os.environ:
@@ -113,6 +123,12 @@ def pytest_configure():
 
         paths = [str(Path(__file__).with_name("vector_width")), *filter(None, [os.environ.get("PYTHONPATH")])]
         os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+
+
+def pytest_collection_finish():
+    """Leaves out of each later collection of garbage what has been imported."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_report_header():

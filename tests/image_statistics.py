@@ -6,7 +6,8 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from scipy import stats
+import OpenEXR
+import scipy
 
 FOLDER = Path(__file__).parents[1] / "build" / "failed-images"
 
@@ -18,8 +19,9 @@ def leave(note, **images):
     folder.mkdir(parents=True, exist_ok=True)
     for name, image in images.items():
         image = np.asarray(image, np.float32)
-        image = image[..., :3] if image.shape[2] >= 3 else image[..., :1]
-        mi.Bitmap(np.ascontiguousarray(image)).write(str(folder / f"{name}.exr"))
+        planes = image.transpose(2, 0, 1)[: 3 if image.shape[2] >= 3 else 1]
+        channels = {channel: np.ascontiguousarray(plane) for channel, plane in zip("RGB", planes)}
+        OpenEXR.File({}, channels).write(str(folder / f"{name}.exr"))
     (folder / "note.txt").write_text(note + "\n", encoding="utf-8")
     return folder
 
@@ -50,7 +52,7 @@ def p_values(a, b, relative=1e-5):
     rounding = relative * np.abs(a).mean()
     z = np.maximum(np.abs(difference) - rounding, 0) / np.sqrt(va + vb + 1e-30)
     freedom = (va + vb) ** 2 / (va**2 / (len(a) - 1) + vb**2 / (len(b) - 1) + 1e-60)
-    return 2 * stats.t.sf(z, np.maximum(freedom, 1))
+    return 2 * scipy.special.stdtr(np.maximum(freedom, 1), -z)
 
 
 def same_expectation(reference, images, significance=0.01, relative=1e-5):

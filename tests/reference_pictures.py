@@ -11,6 +11,7 @@ from pathlib import Path
 import mitsuba as mi
 import mitsuba_prosim  # noqa: F401  (registers the plugins)
 import numpy as np
+import OpenEXR
 import prosim_scene
 
 ROOT = Path(__file__).parents[1]
@@ -36,7 +37,7 @@ def render(name):
 def kept(name):
     """The reference, or None."""
     path = FOLDER / f"{name}.exr"
-    return np.array(mi.Bitmap(str(path)).convert(component_format=mi.Struct.Type.Float32)) if path.exists() else None
+    return OpenEXR.File(str(path)).channels()["RGB"].pixels.astype(np.float32) if path.exists() else None
 
 
 def keep(name, image):

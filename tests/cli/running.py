@@ -89,7 +89,9 @@ def at_step(monkeypatch, step, number):
 
 
 def pixels(path):
-    return np.array(mi.Bitmap(str(path)))
+    if path.suffix != ".exr":
+        return np.array(mi.Bitmap(str(path)))
+    return np.dstack([channel.pixels for channel in OpenEXR.File(str(path)).channels().values()])
 
 
 def alike(*paths):

@@ -1,11 +1,11 @@
 """``prosim watch --layers``: layers and lamps on the page."""
 
-import mitsuba as mi
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from little import BROWSER, LITTLE, ask, opened, shown, state_when, watching
 from prosim_start import group
+from scenes import read_exr
 from waiting import until
 
 pytestmark = pytest.mark.slow
@@ -28,7 +28,7 @@ def image(address, layer, query=""):
 
 
 def channels(path):
-    values = mi.Bitmap(str(path))
+    values = read_exr(path)
     names = [field.name for field in values.struct_()]
     return dict(zip(names, np.moveaxis(np.array(values, dtype=np.float32), 2, 0)))
 
@@ -50,7 +50,7 @@ def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
     (tmp_path / "saved.exr").write_bytes(ask(address, f"save/exr{query}")[1])
     saved = channels(tmp_path / "saved.exr")
     assert all(saved[name] == pytest.approx(expected[name], rel=5e-3, abs=1e-3) for name in ("R", "B", f"{lamp}.G"))
-    assert mi.Bitmap(str(tmp_path / "saved.exr")).metadata()["prosim.mix"] == f"{lamp} x 0.5, ambient x 2.0 0.0 1.0"
+    assert read_exr(tmp_path / "saved.exr").metadata()["prosim.mix"] == f"{lamp} x 0.5, ambient x 2.0 0.0 1.0"
 
 
 def test_server_refuses_wrong_factors(lamps):

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from little import BROWSER, LITTLE, new_page, opened, shown, watching
+from scenes import read_exr
 from waiting import until
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")]
@@ -73,7 +74,7 @@ def test_page_shows_the_saved_image(page, address):
     with page.expect_download() as download:
         page.click("#exr")
     assert download.value.suggested_filename == "little.exr"
-    exr = mi.Bitmap(str(download.value.path()))
+    exr = read_exr(download.value.path())
     assert {"R", "G", "B", "error.Y", "samples.Y"} <= {field.name for field in exr.struct_()}
     assert exr.metadata()["prosim.scene"].endswith("little.scn")
 

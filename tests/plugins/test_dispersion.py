@@ -9,11 +9,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import scipy
 from drawing.curves import direction, interaction
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
 from scenes import T, area, camera, film, load_scene, rectangle
-from scipy import stats
 from test_waves import LUMINANCE, begun
 
 #: Index at the line d, and Abbe number, as the catalogues state them: Schott's; refractiveindex.info for the others.
@@ -184,7 +184,7 @@ def test_white_light_stays_white(colours, integrator):
     bare = renderings(sky, 12, spp=144, first_seed=50, **integrator).mean((1, 2))
     difference = np.abs(images.mean(0) - bare.mean(0))
     deviation = np.sqrt((images.var(0, ddof=1) + bare.var(0, ddof=1)) / 12)
-    assert np.all(difference < 2e-4 + stats.t.isf(0.01 / 18, 11) * deviation)
+    assert np.all(difference < 2e-4 + scipy.stats.t.isf(0.01 / 18, 11) * deviation)
     assert deviation.max() < 0.02
 
 
@@ -276,10 +276,10 @@ def test_wavelengths_of_a_pixel_are_its_own(variant_spectral):
     """
     image = render(samples=1)
     assert np.array_equal(render(window=CROP, samples=1), image[16:40, 8:24])
-    blue = stats.rankdata(image[..., 2]).reshape(48, 48)
+    blue = scipy.stats.rankdata(image[..., 2]).reshape(48, 48)
     for down, right in [(y, x) for y in range(3) for x in range(-2, 3) if (y, x) > (0, 0)]:
         a, b = blue[: 48 - down, max(-right, 0) : 48 - max(right, 0)], blue[down:, max(right, 0) : 48 + min(right, 0)]
-        assert stats.pearsonr(a.ravel(), b.ravel()).pvalue > 0.001 / 12
+        assert scipy.stats.pearsonr(a.ravel(), b.ravel()).pvalue > 0.001 / 12
 
 
 def test_luminance_is_that_of_the_image(variant_spectral):

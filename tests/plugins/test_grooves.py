@@ -4,9 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import scipy
 from mitsuba_prosim.optics import grooves
 from scenes import slow
-from scipy import stats
 
 RAYS = 300_000
 ROUGHNESSES = [("alpha", 0.3), ("alpha", 1.5), ("exponent", 4.0), ("gaussian", 0.8)]
@@ -105,7 +105,7 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         variance = np.where(np.bincount(bins, minlength=30) < 100, values.mean(1), variance)
         error = variance / RAYS + values.var(1) / values.shape[1] + 1e-12
         score = ((values.mean(1) - expected) ** 2 / error).sum()
-        assert stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)
+        assert scipy.stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)
 
 
 @pytest.mark.parametrize("lobe", [("alpha", 1.5), *slow(("exponent", 0.0), ("gaussian", 0.8))], ids=str)

@@ -4,11 +4,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import scipy
 from mitsuba_prosim.sampling.hash import hash32
 from mitsuba_prosim.sampling.nrook import NRook, Permutations, pixel_key
 from mitsuba_prosim.sampling.sobol import Sobol
 from scenes import T, area, film, load_scene, rectangle
-from scipy import stats
 
 
 def pattern(n, pixels, space=3, seed=7, jitter="multi"):
@@ -68,10 +68,10 @@ def test_permutations_are_equally_likely(variant_rgb):
     five = Permutations(5)
     code = sum(np.array(five(h, mi.UInt32(i))).astype(int) * 5**i for i in range(4))
     counts = np.unique(code, return_counts=True)[1]
-    assert len(counts) == 120 and stats.chisquare(counts).pvalue > 0.001
+    assert len(counts) == 120 and scipy.stats.chisquare(counts).pvalue > 0.001
     nine = Permutations(9)
     for i in range(9):
-        assert stats.chisquare(np.bincount(np.array(nine(h, mi.UInt32(i))))).pvalue > 0.001
+        assert scipy.stats.chisquare(np.bincount(np.array(nine(h, mi.UInt32(i))))).pvalue > 0.001
 
 
 def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
@@ -84,7 +84,7 @@ def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
     a, b = keys(6058), keys(7452)
     assert len(np.unique(a)) == len(np.unique(b)) == len(pixel)
     _, i, j = np.intersect1d(a, b, assume_unique=True, return_indices=True)
-    assert stats.poisson.sf(len(i) - 1, len(pixel) ** 2 / 2.0**32) > 1e-3  # as many as chance has it
+    assert scipy.stats.poisson.sf(len(i) - 1, len(pixel) ** 2 / 2.0**32) > 1e-3  # as many as chance has it
     apart = np.unique((j.astype(np.int64) - i), return_counts=True)[1]
     assert apart.max() <= 2  # nor in the same order
 
@@ -130,12 +130,12 @@ def test_samples_are_uniform_and_spaces_pixels_and_seeds_independent(variant_rgb
 
     one, other, seed = samples(), samples(space=4), samples(seed=8)
     for axis in (0, 1):
-        assert stats.kstest(one[:, axis], "uniform").pvalue > 0.001
+        assert scipy.stats.kstest(one[:, axis], "uniform").pvalue > 0.001
         for others in (other, seed, np.roll(one, 1, axis=0)):
-            assert stats.pearsonr(one[:, axis], others[:, axis]).pvalue > 0.001
-    assert stats.pearsonr(*one.T).pvalue > 0.001
+            assert scipy.stats.pearsonr(one[:, axis], others[:, axis]).pvalue > 0.001
+    assert scipy.stats.pearsonr(*one.T).pvalue > 0.001
     cells = [np.floor(points * 4).astype(int) @ [4, 1] for points in (one, other)]
-    assert stats.chi2_contingency(stats.contingency.crosstab(*cells).count).pvalue > 0.001
+    assert scipy.stats.chi2_contingency(scipy.stats.contingency.crosstab(*cells).count).pvalue > 0.001
 
 
 def test_scalar_samples_are_those_of_the_vectorised_variants():

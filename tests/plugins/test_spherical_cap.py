@@ -4,9 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import scipy
 from mitsuba_prosim.light.spherical_cap import pdf_projected_cap, sample_projected_cap
 from scenes import grid, slow
-from scipy import integrate, stats
 
 SIGNIFICANCE = 0.01
 
@@ -50,7 +50,8 @@ def quadrature(c, s):
     top = np.arcsin(s)
     kink = abs(np.arcsin(c))  # where a circle begins to be cut
     points = [0, kink, top] if 0 < kink < top else [0, top]
-    return sum(integrate.quad(ring, low, high, epsabs=0, epsrel=1e-10)[0] for low, high in itertools.pairwise(points))
+    quad = scipy.integrate.quad
+    return sum(quad(ring, low, high, epsabs=0, epsrel=1e-10)[0] for low, high in itertools.pairwise(points))
 
 
 @pytest.mark.parametrize("s", [1e-3, 0.5, 0.9999, *slow(1e-5, 0.05, 0.9)])
@@ -110,7 +111,7 @@ def test_tiny_caps_fill_their_ellipse(variant_rgb):
     up = (z - np.sqrt(1 - s * s) * c) / (s * np.sqrt(1 - c * c))  # to first order in s
     radius2, angle = up**2 + (y / s) ** 2, np.arctan2(y / s, up)
     counts, _, _ = np.histogram2d(np.clip(radius2, 0, 1), angle, bins=20, range=((0, 1), (-np.pi, np.pi)))
-    assert stats.chisquare(counts.ravel(), np.full(400, n / 400))[1] > SIGNIFICANCE
+    assert scipy.stats.chisquare(counts.ravel(), np.full(400, n / 400))[1] > SIGNIFICANCE
 
 
 def test_receiver_inside_the_sphere_is_flagged(variant):

@@ -92,11 +92,8 @@ def distortion_message(width: int, height: int, ratio: float) -> str | None:
     rounding = min(abs(width - height * ratio), abs(height - width / ratio)) <= 1
     if rounding or abs(width / (height * ratio) - 1) <= 0.01:
         return None
-    shape = "square" if ratio == 1 else f"{ratio:.4g} times as wide as high"
-    return (
-        f"{width}x{height} pixels distort the image, because the scene's window is {shape}; "
-        f"{width}x{max(round(width / ratio), 1)} or {max(round(height * ratio), 1)}x{height} would not"
-    )
+    others = f"{width}x{max(round(width / ratio), 1)} or {max(round(height * ratio), 1)}x{height}"
+    return f"{width}x{height} pixels distort the image of the scene's window; {others} would not"
 
 
 def warn_of_distortion(document: Document) -> None:

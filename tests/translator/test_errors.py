@@ -78,7 +78,7 @@ WRONG = [
     (3, "VIEW OBS 0 nan 9", 12, "unknown-word", ""),
     (3, "VIEW OBS 0 1e999 9", 12, "range", "1e+15 at most"),
     (1, "NSAMPLES: 5O", 11, "not-a-number", ""),
-    (3, "VIEW RESOLUTION 65536 65536", 6, "range", "at most 268435456"),
+    (3, "VIEW RESOLUTION 65536 65536", 6, "range", "268435456 at most"),
     (1, "SAVE-RGB: FALSE FALSE FALSE", 1, "range", "TRUE for one"),
     (1, "DO-SHADOW 2", 11, "range", "TRUE or FALSE"),
     (5, "METHOD facets gaussian SURFACE 0 material conductor gold m = 3", 58, "range", "radians; expected 2 at most"),

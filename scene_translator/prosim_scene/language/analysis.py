@@ -142,7 +142,7 @@ def _settings_problems(document: Document) -> Iterator[Problem]:
     if not any(scene.channels):
         yield document.error("found FALSE for all channels; expected TRUE for one at least", "channels", code="range")
     if scene.view.resolution[0] * scene.view.resolution[1] > PIXELS:
-        yield document.error(f"expected at most {PIXELS} pixels in all", "view", "resolution", code="range")
+        yield document.error(f"too many pixels; expected {PIXELS} at most", "view", "resolution", code="range")
     if scene.view.focus is not None and not scene.view.aperture:
         yield document.warning("FOCUS has no effect without APERTURE; add it", "view", "focus", code="no-effect")
 

@@ -206,13 +206,12 @@ class Reader(Scanner):
 
         ``first`` is the token after the keyword, if this token has already been read. If ``first`` is not a number, no
         further token is read, and the numbers are missing. ``follow`` are the grammar roles that the token after the
-        numbers may have; before TRUE and FALSE, ``follow`` contains BOOL. Raises SceneError for a token with another
-        role.
+        numbers may have. Raises SceneError for a token with another role.
         """
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
         if self.number_tokens or not first:
-            expected = follow | {"NUMBER"}
+            expected = follow | {"NUMBER", "BOOL"} if allowed.flags else follow | {"NUMBER"}
             while self.read_token(expected).role in ("NUMBER", "BOOL"):
                 self.number_tokens.append(self.token)
         self.wanted = None
@@ -269,8 +268,8 @@ class Reader(Scanner):
                 self.store_span_once(keyword, keyword.text, *owner, word.name)
                 if word.name in ("exponent", "facet_exponent", "slope") and keyword.role == "OPTIC":
                     self.store_span_once(keyword, "the roughness", "roughness")
-                further = {"BOOL"} if word.numbers.flags else {"MINUS"} if word.name == "vrp" else set()
-                parameters[word.name] = self.read_numbers(keyword, follow | further)
+                after = follow | {"MINUS"} if word.name == "vrp" else follow
+                parameters[word.name] = self.read_numbers(keyword, after)
                 if keyword.role == "VIEW_PARAMETER":
                     self.store_span(self.span_from(keyword), word.name)
                 if self.token.role == "MINUS":  # the thesis's example scene has a superfluous dash here
@@ -290,8 +289,7 @@ class Reader(Scanner):
 
     def read_setting(self) -> Any:
         """Reads a statement that consists of one keyword and its numbers or flags (TRUE and FALSE)."""
-        word = find_word(self.keyword.role, self.keyword.text)
-        return self.read_numbers(self.keyword, STATEMENT_END | {"BOOL"} if word.numbers.flags else STATEMENT_END)
+        return self.read_numbers(self.keyword, STATEMENT_END)
 
     def read_name(self) -> str:
         """Reads a NAME statement."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mitsuba_prosim.live import progressive_image
-from mitsuba_prosim.live.picture import Picture
+from mitsuba_prosim.live.progressive_image import Picture
 
 
 @pytest.mark.parametrize("value, white", [(0, 0), (0.5, 0.5), (3e7, 3e7), (np.nan, 1)])

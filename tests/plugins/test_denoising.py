@@ -14,7 +14,6 @@ from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import final_image, halves, oidn
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
-from mitsuba_prosim.live import picture as live_picture
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb, slow
@@ -325,7 +324,7 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     while not live.done:
         live.step()
     raw = (
-        live_picture.layers_of_render(live.render, live.integrator)["final"],
+        progressive_image.layers_of_render(live.render, live.integrator)["final"],
         final.denoiser.colours(final.render.half_images())[0],
     )
     for shown, colours in (live.layers()["final"], wanted.final), raw:

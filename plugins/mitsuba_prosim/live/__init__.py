@@ -2,7 +2,7 @@
 notebook.
 
 The module ``viewer`` renders in one thread, executes the requests of other threads there, and holds the state that the
-page shows; ``server`` serves the page. The modules ``progressive_image`` and ``picture`` have the images,
-``loaded_scene``, ``orbit_camera`` and ``scene_watcher`` the scene. The module ``result`` renders a scene in one call,
-and shows the image in a notebook meanwhile.
+page shows; ``server`` serves the page. The module ``progressive_image`` has the images, ``loaded_scene``,
+``orbit_camera`` and ``scene_watcher`` the scene. The module ``result`` renders a scene in one call, and shows the image
+in a notebook meanwhile.
 """

@@ -24,8 +24,7 @@ from ..parameters import check_positive
 from ..registry import create
 from ..scene import black, rendering
 from ..scene.scene_file import SceneFile, check_parameters, pick_sensor
-from .picture import as_png, colours
-from .progressive_image import ProgressiveImage
+from .progressive_image import ProgressiveImage, as_png, colours
 
 #: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
 AnyScene: TypeAlias = "mi.Scene | Mapping[str, Any] | str | Path"

@@ -26,7 +26,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..explaining import explanation_page
 from ..scene.channels import parse_factors
-from .picture import Factors, Picture
+from .progressive_image import Factors, Picture
 from .viewer import Viewer
 
 #: A function of the exposure in stops and of the factors of layers, which is called in the thread that renders. The

@@ -25,8 +25,7 @@ from ..scene.channels import of_channels, planes
 from ..scene.errors import with_line, with_suggestion
 from .loaded_scene import LoadedScene
 from .orbit_camera import Camera
-from .picture import Factors, Picture
-from .progressive_image import ProgressiveImage
+from .progressive_image import Factors, Picture, ProgressiveImage
 from .scene_watcher import INTERVAL, SceneWatcher
 
 

@@ -1,1 +1,1 @@
-"""Building blocks of procedural textures: patterns, and textures that mix two textures by a pattern."""
+"""The building block of procedural textures: textures that mix two textures by a pattern."""

@@ -2,7 +2,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from mitsuba_prosim.procedural.mixture import gradient_noise, square_wave
+from mitsuba_prosim.procedural.patterns import gradient_noise, square_wave
 from scenes import rgb
 
 #: name -> names of the colours at pattern value 0 and 1.

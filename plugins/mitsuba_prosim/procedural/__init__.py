@@ -1,1 +1,1 @@
-"""The building block of procedural textures: textures that mix two textures by a pattern."""
+"""Building blocks of procedural textures: patterns, and textures that mix two textures by a pattern."""

@@ -6,7 +6,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import number, whole
-from ..procedural.mixture import Mixture, gradient_noise
+from ..procedural.mixture import Mixture
+from ..procedural.patterns import gradient_noise
 from ..registry import plugin
 from ..sampling.hash import combine
 

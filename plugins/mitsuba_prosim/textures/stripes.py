@@ -6,7 +6,8 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import number, reject
-from ..procedural.mixture import Mixture, square_wave
+from ..procedural.mixture import Mixture
+from ..procedural.patterns import square_wave
 from ..registry import plugin
 
 

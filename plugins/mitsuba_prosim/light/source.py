@@ -20,7 +20,7 @@ DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direct
 
 
 class Source(mi.Emitter):
-    """A light source with an emitted spectrum, and with an angular distribution about an axis (:mod:`.cosine`)."""
+    """A light source with an emitted spectrum and an angular distribution about an axis (:mod:`..optics.cosine`)."""
 
     #: The position in world coordinates; None if the source has a shape.
     position: Any = None

@@ -247,6 +247,6 @@ def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
         if path[0] == "defaults" and path[1] not in document.uses:
             yield document.warning(f"nothing below uses ${path[1]}; delete this", *path, code="unused")
     if not scene.csg:
-        yield document.warning("the scene has no solids; add a CSG-TREE", "csg", code="no-tree")
+        yield document.warning("the scene has no solids; add CSG-TREE", "csg", code="no-tree")
     if not scene.lights:
         yield document.warning("the scene has no lights; add LIGHTS", "lights", code="no-lights")

@@ -12,10 +12,8 @@ from ..parameters import describe, flag, nested_integrator, reject
 from ..registry import plugin
 
 #: The further channels of the denoised image, see :meth:`.FinalImage.channels`.
-LAYERS = (
-    *(f"{layer}.{colour}" for layer in ("raw", "denoised") for colour in "RGB"),
-    *("error.Y", "error_raw.Y", "error_denoised.Y"),
-)
+COLOURS = [f"{layer}.{colour}" for layer in ("raw", "denoised") for colour in "RGB"]
+LAYERS = (*COLOURS, "error.Y", "error_raw.Y", "error_denoised.Y")
 
 
 @plugin("integrator", "prosim_denoised")

@@ -86,7 +86,7 @@ class OtherLights:
 
         The value of ``ds.d`` is the direction ``d``, which leads to the point ``met`` of the source. The derivatives of
         ``met`` follow its shape (``mi.RayFlags.FollowShape``). ``jacobian`` is proportional to the solid angle of a
-        small part of the source around ``met``, seen from ``receiver`` (:mod:`.reparameterisation`).
+        small part of the source around ``met``, seen from ``receiver`` (:meth:`.Lights.reparameterised_ray`).
         """
         to_point = met.p - receiver.si.p
         d2 = dr.squared_norm(to_point)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import emitter_pointers, emitters_in_order
+from ..compat import emitter_pointers, emitters_in_order, eval_direction
 from ..masks import but_not, fold, idle
 from .emitter_methods import Emitter
 from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, SphereLights
@@ -170,3 +170,51 @@ class Lights:
 
         # Few rays hit a lamp. The branch skips the density in all other lanes.
         return dr.if_stmt((k, receiver, ds, active), active, lamp_density, lambda *_: mi.Float(0), label="pdf")
+
+    # ---------------------------------------------------------------- reparameterisation (Loubet and others 2019)
+    # If sampled directions were constants, the derivatives would miss the light that enters and leaves at the edge of a
+    # moving light source. So the derivatives of a sampled direction follow a point of the source, and the Jacobian of
+    # the map from directions to points of the source scales the solid angle of the sample. Any map with a known
+    # Jacobian is correct; all samples of a source, by light sampling or BSDF sampling, use the same, so that MIS
+    # weights can be differentiated.
+
+    def reparameterised_ray(self, receiver: Receiver, d: mi.Vector3f, active: mi.Bool) -> tuple[mi.Vector3f, mi.Float]:
+        """Returns ``(d, jacobian)`` with derivatives that follow the lamp, if any, that the ray from ``receiver`` hits."""
+        if self.all_delta or not self.lamps:
+            return d, mi.Float(1)
+        met = meet(self.scene, receiver.si.spawn_ray(d), active)
+        active = active & met.is_valid() & met.shape.is_emitter()
+        k = self.number_of(met.shape.emitter(), active)
+        active &= k < self.lamps
+        ds, jacobian = self.lamp(k).reparameterised(receiver, d, met, active)
+        return dr.select(active, ds.d, d), dr.select(active, jacobian, 1)
+
+    def reparameterised_sample(
+        self, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Returns the sample ``(ds, weight)`` of ``lamp`` with derivatives of the direction, the density and the weight;
+        unchanged if the lamp is no surface, or a ray does not find the sampled point.
+        """
+        emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si
+        active = active & (ds.pdf > 0) & mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface)
+        to_point = si.spawn_ray_to(ds.p)  # ends just before the point
+        met = meet(self.scene, mi.Ray3f(to_point(to_point.maxt), to_point.d), active)
+        active = active & met.is_valid() & (met.shape.emitter() == emitter)
+        moved, jacobian = lamp.reparameterised(receiver, dr.detach(ds.d), met, active)
+        moved.emitter = emitter
+        radiance = eval_direction(emitter, si, moved, active)
+        moved_weight = radiance * (dr.relative_grad(jacobian) / dr.detach(dr.select(active, ds.pdf, 1)))
+        result = mi.DirectionSample3f(ds)
+        result.d = with_derivatives(ds.d, moved.d, active)
+        result.pdf = with_derivatives(ds.pdf, self.pdf(receiver, moved, active), active)
+        return result, with_derivatives(weight, moved_weight, active)
+
+
+def meet(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
+    """Returns the surface point that ``ray`` hits; its derivatives follow the surface."""
+    return scene.ray_intersect(dr.detach(ray), int(mi.RayFlags.All) | int(mi.RayFlags.FollowShape), False, active)
+
+
+def with_derivatives(value: Any, same: Any, active: mi.Bool) -> Any:
+    """Returns ``value``, in ``active`` lanes with the derivatives of ``same``."""
+    return dr.select(active, dr.replace_grad(value, same), value)

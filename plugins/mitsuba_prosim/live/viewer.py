@@ -291,6 +291,5 @@ class Viewer:
         missing = not self._path.exists()
         if self.scene is None:
             self.watcher.failed()
-        self.publisher.publish(
-            status="missing" if missing else "failed", error=None if missing else with_line(words, self._path)
-        )
+        status, shown = ("missing", None) if missing else ("failed", with_line(words, self._path))
+        self.publisher.publish(status=status, error=shown)

@@ -111,10 +111,8 @@ class DaskExecutor(Executor):
         if wrong := environment.differences(found, environment.MUST_AGREE):
             raise ClusterError(f"a worker of the cluster can't take part: {wrong}")
         if other := environment.differences(found, environment.MAY_DIFFER):
-            warnings.warn(
-                f"a worker is of another kind ({other}): its samples are as good, but may differ in their last bits",
-                stacklevel=2,
-            )
+            words = f"a worker is of another kind ({other}): its samples are as good, but may differ in their last bits"
+            warnings.warn(words, stacklevel=2)
         self.update_speed(item.samples, seconds)
         with alone():
             sums: Accumulators = pickle.loads(content)

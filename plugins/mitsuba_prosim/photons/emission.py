@@ -191,10 +191,10 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
         names = ", ".join(repr(name_of(emitter)) for emitter in others)
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: caustics omit the light of the emitters {names}, "
-            "because they emit only along their normals, their flags tell no place, or Mitsuba cannot sample "
-            "their shape or texture (curves, ellipsoids, sdfgrid, mesh_attribute). "
-            "Use emitters with the flag DeltaPosition or Infinite, or with Surface but without DeltaDirection.",
+            f"prosim: caustics omit the light of the emitters {names}, because they emit only along their normals, "
+            "their flags tell no place, or Mitsuba cannot sample their shape or texture (curves, ellipsoids, sdfgrid, "
+            "mesh_attribute). Use emitters with the flag DeltaPosition or Infinite, or with Surface but without "
+            "DeltaDirection.",
         )
     return [emitter for emitter in emitters if emitter not in others]
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..light.reparameterisation import reparameterised_ray
 from ..masks import but_not, idle
 from ..sampling.sobol import Points
 from ..sampling.spaces import CHOICE, REFRACTED, ROULETTE
@@ -80,7 +79,7 @@ def sample_direction(
         return bs, weight, d, belongs
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
     smooth = but_not(active, ideal)
-    moved, jacobian = reparameterised_ray(context.lights, vertex.receiver, d, smooth)
+    moved, jacobian = context.lights.reparameterised_ray(vertex.receiver, d, smooth)
     wo = si.to_local(moved)
     f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))

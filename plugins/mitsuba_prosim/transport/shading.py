@@ -9,7 +9,6 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..light.reparameterisation import reparameterised_sample
 from ..light.strategy import Index, LightSample, Receiver
 from ..light.table import Lamp
 from ..masks import but_not, dispatch, idle
@@ -191,7 +190,7 @@ def sample_lamp(
         ds.pdf, weight = ds.pdf * probability, weight / probability
     if not context.attached:
         return ds, weight
-    return reparameterised_sample(context.lights, lamp, vertex.receiver, ds, weight, vertex.smooth)
+    return context.lights.reparameterised_sample(lamp, vertex.receiver, ds, weight, vertex.smooth)
 
 
 def lamp_light(

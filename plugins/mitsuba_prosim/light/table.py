@@ -179,7 +179,7 @@ class Lights:
     # weights can be differentiated.
 
     def reparameterised_ray(self, receiver: Receiver, d: mi.Vector3f, active: mi.Bool) -> tuple[mi.Vector3f, mi.Float]:
-        """Returns ``(d, jacobian)`` with derivatives that follow the lamp, if any, that the ray from ``receiver`` hits."""
+        """Returns ``(d, jacobian)`` with derivatives that follow a lamp that the ray from ``receiver`` hits."""
         if self.all_delta or not self.lamps:
             return d, mi.Float(1)
         met = meet(self.scene, receiver.si.spawn_ray(d), active)
@@ -192,7 +192,7 @@ class Lights:
     def reparameterised_sample(
         self, lamp: Lamp, receiver: Receiver, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
-        """Returns the sample ``(ds, weight)`` of ``lamp`` with derivatives of the direction, the density and the weight;
+        """Returns the sample ``(ds, weight)`` of ``lamp`` with derivatives of direction, density and weight;
         unchanged if the lamp is no surface, or a ray does not find the sampled point.
         """
         emitter, si = mi.EmitterPtr(lamp.emitter), receiver.si

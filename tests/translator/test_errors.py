@@ -103,7 +103,7 @@ WRONG = [
     (1, "// a scene", 1, "foreign", "begin with #"),
     # words of other languages, and their meaning in a statement
     (1, "CAUSTICS ON", 10, "unknown-word", "write TRUE"),
-    (4, "CSG-TREE CUBE 0 radius .5", 17, "unexpected", "only CONE and TORUS have a radius"),
+    (4, "CSG-TREE CUBE 0 radius .5", 17, "unexpected", "radius has no effect on CUBE; it is for CONE and TORUS"),
     (4, "CSG-TREE TORO 0 raio 0", 22, "range", "expected a number from 0.001 to 0.99"),
     (4, "CSG-TREE CONE 0 radius t-brick", 17, "count", "1 number (the radius)"),
     (4, "CSG-TREE PRISM 0", 10, "unknown-word", "CUBE, SPHERE, CYLINDER"),

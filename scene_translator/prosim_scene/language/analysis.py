@@ -245,7 +245,7 @@ def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
                 yield document.warning(f"no primitive has the index {index}; delete this", field, index, code="unused")
     for path in document.spans:
         if path[0] == "defaults" and path[1] not in document.uses:
-            yield document.warning(f"nothing below uses ${path[1]}; delete this", *path, code="unused")
+            yield document.warning(f"nothing below uses ${path[1]}; delete it, or use it", *path, code="unused")
     if not scene.csg:
         yield document.warning("the scene has no solids; add CSG-TREE", "csg", code="no-tree")
     if not scene.lights:

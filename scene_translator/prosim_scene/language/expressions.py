@@ -87,8 +87,9 @@ class Definitions:
             return number_text(self.number(FRAME, span) / FPS)
         if name not in self.undefined and len(self.undefined) <= MAX_ERRORS:
             known = [f"${other}" for other in dict.fromkeys([*self.caller_values, *self.defaults, FRAME, TIME])]
-            reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or define"
-            self.undefined[name] = self.source.error(span, reason + nearest(f"${name}", known), "undefined")
+            reason = f"${name} has no value; expected DEFAULT ${name} = 1 above its use, -D {name}=1, or "
+            reason += f"define={{{name!r}: 1}} in Python{nearest('$' + name, known)}"
+            self.undefined[name] = self.source.error(span, reason, "undefined")
         return None
 
     def number(self, name: str, span: Span) -> float:

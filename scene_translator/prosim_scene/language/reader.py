@@ -457,7 +457,7 @@ class Reader(Scanner):
             code = "infix"
             reason = f"found {quote(texts[1])} between its operands; expected {texts[1]} {texts[0]} {texts[2]}"
         else:
-            reason = f"found {quote(texts[number])} after the end of the tree; {PREFIX}"
+            reason = f"found {quote(texts[number])} after the end of the tree; expected the next statement; {PREFIX}"
         self.add_error(spans[number], reason, code)
 
     def read_use(self, number: int) -> Tree:
@@ -472,7 +472,8 @@ class Reader(Scanner):
         index = self.read_numbers(keyword, TREE)
         self.used_primitives += sum(1 + len(node.within) for node in solid if isinstance(node, model.Leaf))
         if self.used_primitives > MAX_PRIMITIVES:
-            raise self.source.error(keyword.span, f"expected no more than {MAX_PRIMITIVES} primitives", "range")
+            reason = f"the solids have more than {MAX_PRIMITIVES} primitives; expected fewer uses of {keyword.text}"
+            raise self.source.error(keyword.span, reason, "range")
         span = self.span_from(keyword)
         for position in range(len(solid)):
             self.store_span(span, number + position)
@@ -496,7 +497,8 @@ class Reader(Scanner):
             self.read_token(SLOTS)
         if (parameter := self.token).role == "SHAPE_PARAMETER":
             if shape not in find_word(parameter.role, parameter.text).kinds:
-                raise self.source.error(parameter.span, f"only CONE and TORUS have a {parameter.text}", "unexpected")
+                reason = f"{parameter.text} has no effect on {keyword.text}; it is for CONE and TORUS"
+                raise self.source.error(parameter.span, reason, "unexpected")
             radius = self.read_numbers(parameter, SLOTS)
         while (token := self.token).role not in TREE:
             if len(slots) == 2:

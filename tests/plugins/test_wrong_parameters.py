@@ -5,7 +5,7 @@ import math
 import mitsuba as mi
 import pytest
 from mitsuba_prosim.engine.policies import POLICIES
-from scenes import T, rgb
+from scenes import T, camera, film, load_scene, rgb
 
 RGB = {"type": "rgb", "value": [0.2, 0.4, 0.6]}
 SUM = "diffuse_reflectance + specular_reflectance"
@@ -117,3 +117,17 @@ def test_a_whole_number_may_be_written_as_a_float(variant_rgb):
 def test_what_scalar_variants_lack_is_refused(variant_scalar, parameters):
     with pytest.raises(RuntimeError, match=f'parameter "{min(parameters)}" is .*; allowed: .*scalar_rgb'):
         mi.load_dict({"type": "prosim", **parameters})
+
+
+@pytest.mark.parametrize("integrator", [{"type": "prosim"}, {"type": "prosim_adaptive", **PATH}])
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_rgb"])
+def test_statistics_of_a_pixel_are_refused_where_rays_are_single(variant, integrator):
+    """In scalar variants, and within another integrator; they had been 0."""
+    mi.set_variant(variant)
+    integrator = integrator | {"aovs": "samples,error"}
+    scene = load_scene(sensor=camera([0, 0, 4], [0, 0, 0], film(1)), ball={"type": "sphere"}, sky={"type": "constant"})
+    if variant != "scalar_rgb":
+        integrator = {"type": "aov", "aovs": "d:depth", "nested": integrator}
+    with pytest.raises(RuntimeError) as error:
+        mi.render(scene, integrator=mi.load_dict(integrator), spp=1)
+    assert "aovs samples, error are for its own render() alone" in f"{error.value}{error.value.__cause__}"

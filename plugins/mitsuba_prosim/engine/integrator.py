@@ -13,7 +13,7 @@ from ..alone import alone
 from ..compat import take_back_interrupts
 from ..parameters import check_samples, check_unpolarized, choice, describe, number, reject, whole
 from ..sampling.nrook import JITTERS
-from .channels import Channels, parse_aovs
+from .channels import Channels, aov_values, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 
 if TYPE_CHECKING:
@@ -82,6 +82,15 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
     def aov_names(self) -> list[str]:
         others = self.mitsuba_aovs.aov_names() if self.mitsuba_aovs is not None else []
         return list(others) + self.own_aovs
+
+    def _aovs_of_ray(self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> list[mi.Float]:
+        """Returns the AOVs along ``ray``. Raises RuntimeError for those that are statistics of a pixel."""
+        if self.own_aovs:
+            raise RuntimeError(
+                f"{self.name}: the aovs {', '.join(self.own_aovs)} are for its own render() alone, in variants other "
+                "than scalar ones and not within another integrator; leave them out there."
+            )
+        return aov_values(self.mitsuba_aovs, scene, sampler, ray, active)
 
     def cancel(self) -> None:
         """Ends all renders of this integrator within about a second; the films keep the images of their samples."""

@@ -12,7 +12,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..alone import alone_if_traced
-from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..light.source import read_emission, shown
 from ..parameters import choice, expose, flag, number, reject, whole
@@ -192,7 +191,7 @@ class Prosim(ProgressiveIntegrator):
     this package and is faster.
 
     In scalar variants, and within another integrator (:monosp:`aov`, :monosp:`moment`), every pixel gets the samples of
-    the sensor's sampler.
+    the sensor's sampler; the AOVs :monosp:`samples` and :monosp:`error` raise an error.
 
     .. tabs::
         .. code-tab:: xml
@@ -265,8 +264,9 @@ class Prosim(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs, of which
-        ``samples`` and ``error`` are 0. Raises RuntimeError with ``layers`` and ``caustics``.
+        """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs.
+
+        Raises RuntimeError with ``layers``, ``caustics``, and the AOVs ``samples`` and ``error``.
 
         ``medium`` is the medium around the camera, which a render in a scalar variant already knows.
         """
@@ -274,8 +274,7 @@ class Prosim(ProgressiveIntegrator):
         # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
         transport = self._scalar or Transport(self._settings(), scene, camera_medium=medium)
         L, alpha, _ = transport(ray, SamplerPoints(sampler), active)
-        # The own channels (samples, error) are statistics of a pixel, which one ray does not have.
-        aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
+        aovs = self._aovs_of_ray(scene, sampler, ray, active)
         # Mitsuba has only masks here. The opacity is a fraction where a surface lets a part of the light pass.
         return L, alpha > (sampler.next_1d(active) if transport.sees_through else 0.5), aovs
 

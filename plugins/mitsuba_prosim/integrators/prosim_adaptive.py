@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import AOV
-from ..engine.channels import aov_values
 from ..engine.integrator import ProgressiveIntegrator
 from ..optics.nested import parts
 from ..parameters import nested_integrator
@@ -44,7 +43,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
     number of threads. The sensor's sampler is not used.
 
     Derivatives are those of the nested integrator with uniform sampling. In scalar variants, and within another
-    integrator, every pixel gets the samples of the sensor's sampler.
+    integrator, every pixel gets the samples of the sensor's sampler; the AOVs :monosp:`samples` and
+    :monosp:`error` raise an error.
 
     .. tabs::
         .. code-tab:: xml
@@ -115,14 +115,13 @@ class ProsimAdaptive(ProgressiveIntegrator):
         medium: mi.Medium | None = None,
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
-        """Returns the result of the nested integrator along ``ray``, with the AOVs of both; ``samples`` and ``error``,
-        which are statistics of a pixel, are 0.
+        """Returns the result of the nested integrator along ``ray``, with the AOVs of both. Raises RuntimeError with
+        the AOVs ``samples`` and ``error``.
         """
         # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
         transport = self._scalar or InnerIntegrator(self.nested, scene, medium)
         L, alpha, others = transport(ray, SamplerPoints(sampler), active)
-        aovs = aov_values(self.mitsuba_aovs, scene, sampler, ray, active) + [mi.Float(0)] * len(self.own_aovs)
-        return L, alpha > 0.5, others + aovs
+        return L, alpha > 0.5, others + self._aovs_of_ray(scene, sampler, ray, active)
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
         return InnerIntegrator(self.nested, scene, sensor.get_medium())

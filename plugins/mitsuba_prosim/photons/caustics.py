@@ -11,7 +11,7 @@ from ..sampling.hash import combine, hash32
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
-from .emission import Sources, Targets, is_specular, start_points, warn_of_light_missed_by_trees
+from .emission import Sources, Targets, is_specular, start_points, warn_of_light_missed_by_trees, warn_of_maps
 from .grid import MIN_COSINE, Footprint, Photons, gather
 from .tracing import PhotonMIS, PhotonTracer
 
@@ -57,6 +57,7 @@ class Caustics:
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:
             return None
+        warn_of_maps(scene)
         if tree:
             warn_of_light_missed_by_trees(scene.shapes())
         return cls(scene, sensor, sources, count, deepest, tree)

@@ -16,9 +16,11 @@ from ..engine.camera import without_crop_window
 from ..masks import fold
 from ..sampling.hash import combine
 
-#: Minimum width of a pixel, as a fraction of the scene's radius. Sensors without pixels (a meter of one ray) have this
-#: width.
+#: Minimum width of a pixel, as a fraction of the scene's radius.
 MIN_PIXEL_WIDTH = 1e-5
+
+#: This width for sensors whose rays tell of no pixels: a meter of one ray, or ``batch``.
+WIDTH_WITHOUT_PIXELS = 1e-3
 
 #: Logarithm to base 2 of the ratio between one kernel radius and the next; kernel radii of photons, in pixel widths.
 OCTAVES = 2
@@ -68,8 +70,8 @@ class Footprint:
     def of(cls, scene: mi.Scene, sensor: mi.Sensor) -> Footprint:
         """Returns the footprint of the pixel at the centre of the film, without its crop window.
 
-        Its width is at least :data:`MIN_PIXEL_WIDTH` times the radius of the scene, and equal to this minimum if the
-        rays of ``sensor`` have no differentials.
+        Its width is at least :data:`MIN_PIXEL_WIDTH` times the radius of the scene, or :data:`WIDTH_WITHOUT_PIXELS`
+        times this radius, with all :data:`RADII`, if the rays of ``sensor`` have no differentials.
         """
         with without_crop_window(sensor):
             ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
@@ -77,12 +79,14 @@ class Footprint:
         if ray.has_differentials:
             offset = min(float(dr.norm(o - ray.o)[0]) for o in (ray.o_x, ray.o_y))
             spread = min(float(dr.norm(d - ray.d)[0]) for d in (ray.d_x, ray.d_y))
-        least = MIN_PIXEL_WIDTH * float(scene.bbox().bounding_sphere().radius)
+        least = MIN_PIXEL_WIDTH if ray.has_differentials else WIDTH_WITHOUT_PIXELS
+        least *= float(scene.bbox().bounding_sphere().radius)
         # Rays start at the near plane. There, rays of neighbouring pixels of a perspective camera are already apart.
         # ``size`` is their distance at the eye: about 0 for a perspective camera, but at least ``least``.
         eye = world_transform(sensor, sensor.shutter_open()).translation()
         near = float(dr.norm(ray.o - eye)[0])
-        radii = tuple(radius for radius in RADII if radius == 1 or radius <= WIDEST * max(sensor.film().size()))
+        widest = WIDEST * max(sensor.film().size()) if ray.has_differentials else RADII[-1]
+        radii = tuple(radius for radius in RADII if radius == 1 or radius <= widest)
         result = cls(mi.Point3f(eye), mi.Float(max(offset - near * spread, least)), mi.Float(spread), radii)
         dr.make_opaque(result.eye, result.size, result.spread)
         return result

@@ -29,6 +29,7 @@ from manifold3d import Error, Manifold, OpType
 from ..model import Leaf, Operator
 from .coincidence import Planes
 from .grouping import touching
+from .solids import Solid
 
 T = TypeVar("T")
 #: A CSG tree in prefix order: the symbols of its operators, and the numbers of its leaves.
@@ -77,7 +78,8 @@ class Body:
 
     ``manifold()`` returns the mesh of the body. ``boxes`` (n, 2, 3) are the boxes of its n leaves. ``surfaces`` are the
     numbers of the shared surfaces on which faces of the body may lie. ``planes`` are all planes of the scene on which
-    facets of several bodies may lie. ``leaf`` is the number of the first leaf.
+    facets of several bodies may lie. ``leaf`` is the number of the first leaf. The attribute ``solid`` of a leaf is the
+    same object for equal leaves; ``solid`` is None for the result of an operation.
     """
 
     manifold: Callable[[], Manifold]
@@ -85,6 +87,7 @@ class Body:
     surfaces: frozenset[int]
     planes: Planes
     leaf: int
+    solid: Solid | None = None
 
     @cached_property
     def box(self) -> np.ndarray:
@@ -208,13 +211,14 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
 
     A union of bodies that share no surface is one operation of manifold3d. Other unions are divided into halves.
     """
-    united = [body for body in bodies if body]
-    if len(united) < 2:
-        return united[0] if united else None
-    if len(united) == 2 or not _share_surfaces(united):
-        return _combined(united, OpType.Add, united)
-    middle = len(united) // 2
-    return union([union(united[:middle]), union(united[middle:])])
+    solids: dict[Solid | None, Body] = {}
+    distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
+    if len(distinct) < 2:
+        return distinct[0] if distinct else None
+    if len(distinct) == 2 or not _share_surfaces(distinct):
+        return _combined(distinct, OpType.Add, distinct)
+    middle = len(distinct) // 2
+    return union([union(distinct[:middle]), union(distinct[middle:])])
 
 
 #: A mesh from which more solids are subtracted, per triangle, is refined before: n cuts of one triangle take manifold3d

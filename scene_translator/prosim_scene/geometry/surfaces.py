@@ -213,7 +213,7 @@ def _boundary(
                 warn_of_time()
             return csg.checked(manifold(meshes.meshes[i], meshes.first[i], ids.id_of(number, medium)), number)
 
-        return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, number)
+        return csg.Body(mesh, boxes[i : i + 1], surfaces, meshes.planes, number, table.solids[i])
 
     bodies: dict[int, dict[int, csg.Body]] = {}
     for m in sorted(set(media_of)):

@@ -2,7 +2,7 @@
 
 The comment above a function or constant describes the property on which the code relies, and names the version and, if
 there is one, the upstream issue. Other workarounds are in the modules ``alone`` (one thread at a time), ``registry``
-(variants), ``llvm``, ``light.emitter_methods`` and ``transport.scattering`` (BSDFs that ignore the type mask), and in
+(variants), ``llvm``, ``light.emitter_methods`` and ``transport.workarounds`` (BSDFs that ignore the type mask), and in
 the package ``stock_command``.
 """
 

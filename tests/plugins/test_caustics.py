@@ -14,7 +14,7 @@ from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics, diffuse_radiance
 from mitsuba_prosim.photons.emission import Sources, Targets, is_specular, merged, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
-from mitsuba_prosim.photons.tracing import Hit, ideal_throughput, ray_weight
+from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
 from mitsuba_prosim.transport.scattering import Scattering

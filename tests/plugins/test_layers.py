@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import same_expectation
-from mitsuba_prosim.transport import transport_context as layers
+from mitsuba_prosim.transport import radiance as layers
 from scenes import T, area, penumbra, rectangle, rgb, sphere_lamp, without
 
 ROUGH = {"type": "roughconductor", "alpha": 0.2}

@@ -9,7 +9,7 @@ import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.compat import to_world_name
-from mitsuba_prosim.transport import lobes, scattering
+from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
 
@@ -188,7 +188,7 @@ def test_the_derivative_by_a_share_is_that_of_ideal_lobes_too(variant_rgb, other
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.Vector3f(0.6, 0, z)
     choice = (dr.arange(mi.Float, n) + 0.5) / n
-    bs, weight = scattering.sample_bsdf(mi.BSDFContext(), bsdf, si, (choice, mi.Point2f(0.3, 0.6)), mi.Bool(True))
+    bs, weight = workarounds.sample(mi.BSDFContext(), bsdf, si, (choice, mi.Point2f(0.3, 0.6)), mi.Bool(True))
     ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (bs.pdf > 0)
     brought = dr.mean(dr.select(ideal, weight.x, 0))
     assert brought[0] == pytest.approx(through + 0.5 * (1 - through) * 0.4, abs=2e-3)
@@ -219,7 +219,7 @@ def test_a_blend_of_a_mirror_in_a_map(variant_rgb, bounces):
     ],
 )
 def test_a_map_around_a_blend_of_a_mirror_is_warned_of(variant_rgb, logged, bsdf, lobe, warned):
-    scattering.warn_of_blends_in_maps(load_scene(ball={"type": "sphere", "bsdf": bsdf}), lobes.only(lobe))
+    workarounds.warn_of_blends_in_maps(load_scene(ball={"type": "sphere", "bsdf": bsdf}), lobes.only(lobe))
     assert any("Put the map into the blendbsdf" in text for _, text in logged) == warned
 
 

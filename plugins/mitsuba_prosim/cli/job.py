@@ -18,7 +18,7 @@ from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
 from ..scene.overrides import option_names
-from ..transport.transport_context import KINDS
+from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
 

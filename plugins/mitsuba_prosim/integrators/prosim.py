@@ -17,8 +17,9 @@ from ..light.source import read_emission, shown
 from ..parameters import choice, expose, flag, number, reject, whole
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
+from ..transport.radiance import KINDS
 from ..transport.transport import Transport
-from ..transport.transport_context import DEEPEST_TREE, KINDS, SETTINGS, Settings
+from ..transport.transport_context import DEEPEST_TREE, SETTINGS, Settings
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives

@@ -14,13 +14,14 @@ import mitsuba as mi
 from ..optics import cosine
 from ..parameters import choice, constant_values, describe, expose, flag, for_message, number, reject
 from ..registry import create
+from . import beam
 
 #: Allowed values of the parameter ``distribution`` -> the further parameters that each value needs.
 DISTRIBUTIONS = {"uniform": (), "cone": ("direction", "angle"), "spot": ("direction", "angle", "exponent")}
 
 
 class Source(mi.Emitter):
-    """A light source with an emitted spectrum and an angular distribution about an axis (:mod:`..optics.cosine`)."""
+    """A light source with an emitted spectrum, and with an angular distribution about an axis (:mod:`.beam`)."""
 
     #: The position in world coordinates; None if the source has a shape.
     position: Any = None
@@ -67,15 +68,15 @@ class Source(mi.Emitter):
         """Returns the intensity in the unit direction ``d``, divided by the intensity on the axis."""
         if self.uniform:
             return mi.Float(1)
-        return cosine.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit_versine(), self.exponent)
+        return beam.falloff(cosine.versine(d, dr.normalize(self.direction)), self.limit_versine(), self.exponent)
 
     def sample_beam(self, sample2: mi.Point2f) -> tuple[mi.Vector3f, mi.Float]:
         """Returns a direction, by intensity, and the integral of the relative intensity in steradians."""
         if self.uniform:
             return mi.warp.square_to_uniform_sphere(sample2), mi.Float(4 * dr.pi)
-        local = cosine.sample_falloff(sample2, self.limit_versine(), self.exponent)
+        local = beam.sample_falloff(sample2, self.limit_versine(), self.exponent)
         d = mi.Frame3f(dr.normalize(self.direction)).to_world(local)
-        return d, cosine.total(self.limit_versine(), self.exponent)
+        return d, beam.total(self.limit_versine(), self.exponent)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         super().traverse(callback)

@@ -13,7 +13,8 @@ from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
 from .emission import Sources, Targets, is_specular, start_points, warn_of_light_missed_by_trees, warn_of_maps
 from .grid import MIN_COSINE, Footprint, Photons, gather
-from .tracing import PhotonMIS, PhotonTracer
+from .mis import PhotonMIS
+from .tracing import PhotonTracer
 
 #: Maximum number of photon maps in a photon pass.
 MAPS = 64

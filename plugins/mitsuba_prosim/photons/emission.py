@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..compat import INSTANCE, MAPS, SPHERE, emitter_pointers, emitters_in_order, eval_direction, mesh_positions
+from ..light.beam import sample_falloff
 from ..light.emitter_methods import EmitterMethods, has_points, name_of
 from ..masks import fold
-from ..optics.cosine import sample_falloff
 from ..optics.nested import all_bsdfs, all_within
 from ..sampling import sobol
 from ..sampling.hash import combine
 from ..transport import lobes
-from ..transport.scattering import is_inseparable
+from ..transport.workarounds import is_inseparable
 
 #: Maximum number of spheres. If there are more specular surfaces, neighbours share one sphere.
 MAX_TARGETS = 64

@@ -15,7 +15,8 @@ from ..masks import but_not, idle
 from . import lobes
 from .absorption import UNBOUNDED, medium_before, medium_beyond, pointer, transmittance
 from .ray import Surface, viewer_side
-from .scattering import Scattering, past_emitters
+from .scattering import Scattering
+from .workarounds import past_emitters
 
 #: Channel names of the values that :func:`features` returns.
 NAMES = ("albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z")

@@ -45,7 +45,7 @@ class Ray:
     both_sides: mi.Bool | None = None
     #: The total importance of all lamps at the ray's origin; None where light sampling does not choose one lamp.
     importance: mi.Float | None = None
-    #: The étendue (:mod:`..photons.tracing`) at the last glossy surface, if the ray has met only ideal lobes since,
+    #: The étendue (:mod:`..photons.mis`) at the last glossy surface, if the ray has met only ideal lobes since,
     #: else 0. It is unused after a diffuse lobe. None without photons on glossy surfaces.
     etendue: mi.Float | None = None
 

@@ -1,46 +1,21 @@
-"""Sampling and evaluation of the lobes of BSDFs, with dispersion (Thomas 1986) and with workarounds.
-
-The workarounds are for errors of Mitsuba 3.9, mostly of BSDFs that ignore the type mask of the ``BSDFContext``:
-
-``mask``
-    samples only its null lobe if the type mask lacks the null lobe. So :func:`sample_bsdf` requests the null lobe, too.
-``blendbsdf``
-    adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light. So
-    :func:`sample_bsdf` chooses one of the blended BSDFs itself (:func:`_sample_mixture`). It cannot do so within a
-    ``bumpmap`` or ``normalmap``: see :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal
-    lobes with respect to the blending weight; :func:`sample_bsdf` adds it.
-``principled``, ``principledthin``, ``hair``
-    evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
-    and :func:`belongs_to` assigns each sample to one lobe.
-``Scene.ray_intersect(skip_area_emitters)``
-    measures distances from the last skipped emitter, and ignores ``maxt``: see :func:`past_emitters`.
-``Scene.ray_intersect(coherent=True)``
-    is fast, but its choice between two triangles at a common edge depends on the other rays that are traced at the same
-    time, so the image would depend on the crop window: see :func:`first_hit`.
-``area`` with a texture
-    loses light in Mitsuba's own integrators (:mod:`..light.emitter_methods`): see :func:`warn_of_lost_light`.
-
-A workaround is needless as soon as the oldest allowed Mitsuba behaves otherwise.
-"""
+"""Sampling and evaluation of the lobes of BSDFs, with workarounds for Mitsuba and with dispersion (Thomas 1986)."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples
-from ..light.emitter_methods import loses_light, name_of
-from ..masks import but_not, dispatch, idle
-from ..optics.nested import all_bsdfs, all_within, leaves, parts
+from ..compat import BLEND, MASK
+from ..masks import dispatch
+from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
 from ..sampling.hash import combine
 from ..sampling.nrook import SamplerPoints
 from ..sampling.sobol import Points
-from . import lobes
+from . import workarounds
 from .lobes import LobePoint
 from .ray import Surface
+from .workarounds import requested_lobes
 
 
 def disperses(scene: mi.Scene) -> bool:
@@ -57,16 +32,16 @@ class Scattering:
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)
         #: Whether any BSDF of the scene can only evaluate all its lobes together.
-        self.any_inseparable = separate and any(map(is_inseparable, bsdfs))
+        self.any_inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
         #: Whether the scene has a BSDF that can only evaluate all its lobes together, a ``mask`` or a ``blendbsdf``
-        #: (:func:`sample_bsdf`).
+        #: (:mod:`.workarounds`).
         self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """Returns the active lanes whose BSDF is :func:`.is_inseparable`; none without ``separate``."""
         if not self.any_inseparable:
             return mi.Bool(False)
-        return active & dispatch(bsdf, lambda one, active: mi.Bool(is_inseparable(one)), active)
+        return active & dispatch(bsdf, lambda one, active: mi.Bool(workarounds.is_inseparable(one)), active)
 
     def sample(
         self, lobe: mi.BSDFContext, at: Surface, u: LobePoint, active: mi.Bool, throughput: mi.Spectrum | None = None
@@ -89,7 +64,7 @@ class Scattering:
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
-            return sample_bsdf(lobe, one, si, u, active)
+            return workarounds.sample(lobe, one, si, u, active)
 
         if self.disperses or self.needs_workarounds:
             bs, weight = dispatch(at.bsdf, sample, at.si, u, weights, active)
@@ -98,7 +73,7 @@ class Scattering:
         # Some BSDFs sample lobes outside of the type mask. Those lobes have a ray of their own.
         belongs = (bs.sampled_type & lobe.type_mask) != 0
         if self.any_inseparable:
-            belongs = dr.select(at.inseparable, belongs_to(lobe, at.si.wi, bs), belongs)
+            belongs = dr.select(at.inseparable, workarounds.belongs_to(lobe, at.si.wi, bs), belongs)
         return bs, weight, belongs
 
     def eval_pdf(
@@ -108,7 +83,7 @@ class Scattering:
         :meth:`sample` samples ``wo``; those of all lobes where ``at.inseparable``.
         """
         if self.needs_workarounds:
-            return dispatch(at.bsdf, lambda one, *args: eval_pdf_of_bsdf(lobe, one, *args), at.si, wo, active)
+            return dispatch(at.bsdf, lambda one, *args: workarounds.eval_pdf(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval_pdf(lobe, at.si, wo, active)
 
     def eval(self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
@@ -125,207 +100,3 @@ class Scattering:
         if not self.disperses or not mi.is_spectral or isinstance(points, SamplerPoints):
             return choice
         return wavelengths.wavelength_choice(combine(points.key, space), *points.division, choice)
-
-
-# ---------------------------------------------------------------- workarounds
-
-#: Barycentric coordinate below which a hit is near an edge of its triangle.
-EDGE = 1e-3
-
-
-def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:
-    """Warns of emitters, ``blendbsdf`` and ``mask`` whose light Mitsuba's ``integrator``, or an integrator nested in it
-    (in ``aov`` or ``moment``), may lose or increase.
-    """
-    integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
-    if lost := [name_of(e) for e in scene.emitters() if e.class_name() == AREA and loses_light(e)]:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
-            "loses points of the texture. Use prosim_area in its place.",
-        )
-    times, kinds = max(map(emitter_samples, integrators)), mi.EmitterFlags.Delta
-    if times > 1 and (points := [name_of(e) for e in scene.emitters() if mi.has_flag(e.flags(), kinds)]):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, points))} will be {times} times too bright: Mitsuba's direct multiplies the "
-            "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
-        )
-    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if _mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
-    if blends:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, blends))} may reflect too little or too much light: Mitsuba's blendbsdf "
-            'adds the density of smooth lobes to that of mirrors, clear glass and holes. Render with "prosim".',
-        )
-    # ``path`` returns black if the ray has met nothing but holes; it counts a sky as something, unless it hides it.
-    blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
-    holed = [bsdf.id() for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)]
-    if blind and holed:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, holed))} may reflect too little light: Mitsuba's path forgets the light of "
-            'the surface around a hole that shows nothing behind it. Render with "prosim" or "prb".',
-        )
-
-
-def _is_smooth(bsdf: mi.BSDF) -> bool:
-    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-
-def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
-    """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
-    maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
-    wrong = [b.id() for b in maps if any(_mixes_ideal_and_smooth(requested_lobes(lobe, one), one) for one in maps[b])]
-    if wrong:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, wrong))} may reflect too little or too much light: Mitsuba samples a "
-            "blendbsdf of a mirror, clear glass or a hole with another surface wrongly within a bumpmap or normalmap. "
-            "Put the map into the blendbsdf, around each of its BSDFs.",
-        )
-
-
-def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
-    return (one for one in all_within(bsdf) if one.class_name() == name)
-
-
-def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
-    flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
-    return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
-
-
-def sample_bsdf(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Returns ``(bs, weight)`` as ``mi.BSDF.sample``, with the workarounds for ``mask`` and ``blendbsdf``. ``bs.pdf``
-    is 0 if the BSDF sampled a lobe that was not requested.
-    """
-    lobe = requested_lobes(lobe, bsdf)
-    if _mixes_ideal_and_smooth(lobe, bsdf) and bsdf.class_name() not in MAPS:
-        bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
-    else:
-        bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
-    bs.pdf = dr.select((bs.sampled_type & lobe.type_mask) != 0, bs.pdf, 0)
-    return bs, weight
-
-
-def _sample_mixture(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
-) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Samples one of the :func:`.leaves` of a mixture that has ideal and smooth lobes. A sample of a smooth lobe has
-    the density and the value of all leaves together.
-    """
-    (choice, point), begin, share = u, mi.Float(0), mi.Float(1)
-    bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
-    for leaf in leaves(bsdf, si, active):
-        end = begin + dr.detach(leaf.share)
-        chosen = active & (choice >= begin) & (choice < end)
-        # A random number that is independent of this choice.
-        rest = dr.clip((choice - begin) / dr.select(end > begin, end - begin, 1), 0, 1 - 2**-24)
-        if leaf.bsdf is None:
-            one, own = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
-            one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, 1, 1, lobes.mask("Null")
-        else:
-            one, own = sample_bsdf(lobe, leaf.bsdf, leaf.si, (rest, point), chosen)
-            one.wo.z = dr.select(leaf.si.wi.z == si.wi.z, one.wo.z, -one.wo.z)
-        bs, weight, share = dr.select(chosen, (one, own, leaf.share), (bs, weight, share))
-        begin = end
-    ideal = lobes.has_any(bs.sampled_type, *lobes.IDEAL)
-    smooth = but_not(active & (bs.pdf > 0), ideal)
-    f, pdf = eval_pdf_of_bsdf(lobe, bsdf, si, bs.wo, smooth)
-    weight = dr.select(smooth, f / dr.select(pdf > 0, pdf, 1), weight) * dr.select(ideal, dr.relative_grad(share), 1)
-    bs.pdf = dr.select(ideal, bs.pdf * dr.detach(share), dr.select(smooth, pdf, 0))
-    return bs, weight
-
-
-def _with_null_of_mask(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
-    """Returns ``lobe``, with null lobes added if ``bsdf`` is or contains a ``mask``."""
-    null = lobes.mask("Null") if any(_within(bsdf, MASK)) else 0
-    return mi.BSDFContext(lobe.mode, lobe.type_mask | null, lobe.component)
-
-
-def eval_pdf_of_bsdf(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
-) -> tuple[mi.Spectrum, mi.Float]:
-    """Returns the value of ``lobe`` times the cosine of ``wo``, and the density of :func:`sample_bsdf`."""
-    lobe = requested_lobes(lobe, bsdf)
-    return bsdf.eval_pdf(_with_null_of_mask(lobe, bsdf), si, wo, active)
-
-
-def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
-    """Returns ``lobe``, or all lobes if ``bsdf`` can only evaluate all its lobes together."""
-    return mi.BSDFContext(lobe.mode) if is_inseparable(bsdf) else lobe
-
-
-def is_inseparable(bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf``, or a BSDF nested in it, can only evaluate all its lobes together: the classes
-    :data:`.EVALUATED_TOGETHER` of Mitsuba, and BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one
-    component.
-    """
-    kinds = lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE
-    components = ((one, int(one.flags(i))) for one in all_within(bsdf) for i in range(one.component_count()))
-    return any(
-        one.class_name() in EVALUATED_TOGETHER or sum(bool(lobes.has_any(flags, *names)) for names in kinds) > 1
-        for one, flags in components
-    )
-
-
-def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:
-    """Tells whether ``bs``, a sample of an inseparable BSDF, belongs to ``lobe``: to the diffuse, the refracted
-    (specular, and through the surface) or the reflected lobe.
-    """
-    specular = lobes.has_any(bs.sampled_type, *lobes.SPECULAR)
-    diffuse = but_not(lobes.has_any(bs.sampled_type, *lobes.DIFFUSE), specular)
-    through = mi.Frame3f.cos_theta(wi) * mi.Frame3f.cos_theta(bs.wo) < 0
-    side = dr.select(through, mi.UInt32(lobes.mask(*lobes.REFRACTED)), lobes.mask(*lobes.REFLECTED))
-    return (dr.select(diffuse, lobes.mask(*lobes.DIFFUSE), side) & lobe.type_mask) != 0
-
-
-def first_hit(scene: mi.Scene, ray: mi.Ray3f, coherent: mi.Bool, active: mi.Bool) -> mi.PreliminaryIntersection3f:
-    """Returns the first intersection of ``ray``, independent of other rays that are traced at the same time.
-
-    ``coherent`` tells which rays are similar to those in the neighbouring lanes; they are traced faster, and again if
-    they hit a triangle near an edge.
-    """
-    hit = scene.ray_intersect_preliminary(ray, coherent, active=active)
-    u, v = hit.prim_uv
-    distance = dr.minimum(dr.minimum(dr.abs(u), dr.abs(v)), dr.abs(1 - u - v))
-    # Both coordinates of a sphere are 0.
-    near_edge = active & coherent & hit.is_valid() & (distance < EDGE) & ((u != 0) | (v != 0))
-
-    def again(_: mi.PreliminaryIntersection3f, near_edge: mi.Bool) -> mi.PreliminaryIntersection3f:
-        return scene.ray_intersect_preliminary(ray, False, active=near_edge)
-
-    return dr.if_stmt((hit, near_edge), near_edge, again, lambda hit, _: hit)
-
-
-def past_emitters(
-    scene: mi.Scene, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, active: mi.Bool, attached: bool
-) -> mi.SurfaceInteraction3f:
-    """Returns the first surface interaction of the camera ray ``ray`` that is not on a light source; ``si``, the first
-    one, in lanes that are not ``active``. Its distance ``t`` begins at the last light source that the ray passed.
-    ``attached`` tells whether derivatives are wanted.
-    """
-
-    def on_emitter(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        met = active & si.is_valid()
-        return met if idle(met) else met & si.shape.is_emitter()
-
-    def beyond(o: mi.Point3f) -> mi.Ray3f:
-        rest = mi.Ray3f(ray)
-        rest.o, rest.maxt = o, ray.maxt - dr.dot(o - ray.o, ray.d)
-        return rest
-
-    def step(o: mi.Point3f, blocked: mi.Bool) -> tuple[mi.Point3f, mi.Bool]:
-        front = scene.ray_intersect(beyond(o), int(mi.RayFlags.Minimal), False, blocked)
-        blocked = on_emitter(front, blocked)
-        return dr.select(blocked, front.spawn_ray(ray.d).o, o), blocked
-
-    hidden = on_emitter(si, active)
-    with dr.suspend_grad(when=attached):
-        o, _ = dr.while_loop((mi.Point3f(ray.o), hidden), lambda o, blocked: blocked, step, labels=("o", "blocked"))
-    if attached:
-        o = dr.replace_grad(o, ray.o + ray.d * dr.norm(o - dr.detach(ray.o)))
-    return dr.select(hidden, scene.ray_intersect(beyond(o), hidden), si)

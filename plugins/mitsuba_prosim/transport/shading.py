@@ -19,9 +19,10 @@ from ..sampling.spaces import NODE_SPACES
 from . import lobes
 from .absorption import UNBOUNDED, medium_before, medium_beyond, transmittance
 from .next_ray import lobe_point
+from .radiance import Radiance
 from .ray import Ray, Vertex, mis, viewer_side
-from .scattering import first_hit, past_emitters
-from .transport_context import Context, Radiance
+from .transport_context import Context
+from .workarounds import first_hit, past_emitters
 
 
 def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[Radiance, Vertex]:

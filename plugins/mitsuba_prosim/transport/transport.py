@@ -20,10 +20,11 @@ from ..sampling.sobol import Points, Sobol
 from ..sampling.spaces import CAMERA_SPACES
 from .differentiable_loop import differentiable_loop
 from .next_ray import Path, Tree
+from .radiance import Radiance
 from .ray import Ray
-from .scattering import warn_of_lost_light
 from .shading import shade
-from .transport_context import Context, Radiance
+from .transport_context import Context
+from .workarounds import warn_of_lost_light
 
 #: About how many rays a path traces.
 RAYS_PER_PATH = 10
@@ -58,7 +59,7 @@ class Transport(Context):
         self, ray: mi.Ray3f, points: Points, active: mi.Bool
     ) -> tuple[mi.Spectrum, mi.Float, list[mi.Spectrum]]:
         """Returns ``(L, alpha, layers)`` for the camera ray ``ray``: the radiance, the opacity, and the radiance of
-        each image layer (:class:`.Radiance`). ``points`` are the random numbers of the sample.
+        each image layer (:mod:`.radiance`). ``points`` are the random numbers of the sample.
 
         The opacity is 1, less the throughput with which the ray leaves the scene, straight through holes of surfaces,
         where it sees neither the sky nor the background.

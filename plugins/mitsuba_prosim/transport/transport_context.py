@@ -1,12 +1,8 @@
-"""The context of ray trees and paths: the settings of the integrator, properties of the scene that rays need, and the
-radiance that rays add, with its image layers: additional images, each with the light of one light source, whose sum is
-the rendered image.
-"""
+"""The context of ray trees and paths: the settings of the integrator, and properties of the scene that rays need."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -19,66 +15,10 @@ from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
 from . import lobes
 from .absorption import absorbs_any, pointer
+from .radiance import Radiance, layer_numbers
 from .ray import Ray
-from .scattering import Scattering, warn_of_blends_in_maps
-
-#: Allowed values of the parameter ``layers``.
-KINDS = ("none", "lights")
-
-#: Maximum number of layers.
-MAX_LAYERS = 32
-
-#: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
-DEEPEST_TREE = 24
-
-#: Maximum number of diffuse reflections of a path that stands for no limit.
-UNLIMITED_BOUNCES = (1 << 31) - 1
-
-
-@dataclass
-class Radiance:
-    """Total radiance, and the part of it in each image layer; the list of parts is empty if the image has no layers."""
-
-    total: mi.Spectrum
-    layers: list[mi.Spectrum]
-
-    def __add__(self, other: Radiance) -> Radiance:
-        return Radiance(self.total + other.total, [a + b for a, b in zip(self.layers, other.layers)])
-
-    def scaled(self, factor: mi.Spectrum) -> Radiance:
-        """Returns this radiance times ``factor``."""
-        return Radiance(factor * self.total, [factor * L for L in self.layers])
-
-    def plus(self, value: mi.Spectrum, layer: int | mi.UInt32 | None) -> Radiance:
-        """Returns this radiance with ``value`` added to the total, and to the layer number ``layer``."""
-        return Radiance(self.total + value, [L + dr.select(layer == i, value, 0) for i, L in enumerate(self.layers)])
-
-
-def layer_numbers(emitters: Sequence[mi.Emitter], constant: Sequence[str]) -> dict[str, int]:
-    """Returns the name of each layer and its number: those of the ``emitters``, then the ``constant`` names, which are
-    "background" and "ambient" if the image has these. Raises ValueError for more than :data:`MAX_LAYERS`.
-    """
-    names = [*light_names(emitters), *constant]
-    if len(names) > MAX_LAYERS:
-        raise ValueError(
-            f'prosim: parameter "layers" is "lights", but {len(names)} layers are more than {MAX_LAYERS}; leave it out.'
-        )
-    return {name: number for number, name in enumerate(names)}
-
-
-def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
-    """Returns a unique name for the layer of each of the ``emitters``: the id of its shape, or of the emitter, with "_"
-    for characters other than letters and digits, but not at the beginning; or a name such as ``lamp1``. A name that
-    exists, such as "background" and "ambient", gets "_" at the end.
-    """
-    names = ["background", "ambient"]
-    for number, emitter in enumerate(emitters, 1):
-        shape = emitter.get_shape()
-        name = re.sub(r"\W", "_", (emitter if shape is None else shape).id() or "").lstrip("_") or f"lamp{number}"
-        while name in names:
-            name += "_"
-        names.append(name)
-    return names[2:]
+from .scattering import Scattering
+from .workarounds import warn_of_blends_in_maps
 
 
 @dataclass(frozen=True)
@@ -104,6 +44,13 @@ class Settings:
 
 #: Names of the settings.
 SETTINGS = tuple(field.name for field in fields(Settings))
+
+
+#: Maximum level of a ray tree: its nodes are numbered as in a heap, in 32 bits.
+DEEPEST_TREE = 24
+
+#: Maximum number of diffuse reflections of a path that stands for no limit.
+UNLIMITED_BOUNCES = (1 << 31) - 1
 
 
 class Context:

@@ -269,7 +269,15 @@ MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
 
 
 #: The plugins of Mitsuba 3.9 that are written in Python, which the command ``mitsuba`` can't run.
-IN_PYTHON = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective", "volprim_rf_basic", "flat_sensor")
+PLUGINS_IN_PYTHON = (
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+    "direct_projective",
+    "volprim_rf_basic",
+    "flat_sensor",
+)
 
 
 #: The plugins of Mitsuba 3.9 that end the process without a message unless they have one of these parameters.

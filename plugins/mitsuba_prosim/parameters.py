@@ -62,7 +62,9 @@ def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
 def check_unpolarized(name: str) -> None:
     """Raises ValueError in polarised variants; ``name`` is the integrator's."""
     if mi.is_polarized:
-        raise ValueError(f"{name}: light is unpolarised here (thesis, 2.2.3); use a variant without 'polarized'.")
+        raise ValueError(
+            f"{name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+        )
 
 
 def check_positive(name: str, value: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from mitsuba_prosim import registry
-from mitsuba_prosim.compat import IN_PYTHON
+from mitsuba_prosim.compat import PLUGINS_IN_PYTHON
 from mitsuba_prosim.stock_command import hosted, stand_ins
 from running import CONSTANT, compiled, pixels, scene_text
 from waiting import PATIENCE, started
@@ -56,11 +56,11 @@ def mitsuba(plugins):
 
 
 def test_every_plugin_in_python_has_a_stand_in(variant_rgb):
-    assert set(registry.PLUGINS) | set(IN_PYTHON) <= set(stand_ins.plugin_names())
+    assert set(registry.PLUGINS) | set(PLUGINS_IN_PYTHON) <= set(stand_ins.plugin_names())
     folder = Path(mi.__file__).parent / "python" / "ad"
     text = "".join(path.read_text() for path in folder.rglob("*.py"))
     registered = {line.split('"')[1] for line in text.splitlines() if line.startswith("mi.register_")}
-    assert set(IN_PYTHON) == registered
+    assert set(PLUGINS_IN_PYTHON) == registered
 
 
 @compiled

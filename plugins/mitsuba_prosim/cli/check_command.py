@@ -49,7 +49,9 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
     source: Any = {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
     if Path(plugin).suffix:
         if parameters or not Path(plugin).is_file():
-            raise ValueError(f"{plugin}: no such file, or a file with -p; give a file alone, or a type with -p")
+            raise ValueError(
+                f"{plugin}: no such file, or a file with -p; give a file alone, or a plugin's type with -p"
+            )
         source = Path(plugin)
     subject = Subject(source, modules=modules)
     if subject.state.root.type == mi.ObjectType.Scene:

@@ -38,7 +38,9 @@ def html(facts: Mapping[str, Any], trees: Mapping[int, Sequence[Node]], **more: 
         stored.pop()
     data = {"name": "the image", "image": "", "command": "", **facts, "trees": stored, **more}
     data |= dict.fromkeys(("nodes", "drawing"))
-    page, script = (files(__package__).joinpath(f"explanation_page.{end}").read_text("utf-8") for end in ("html", "js"))
+    page, script = (
+        files(__package__).joinpath(f"explanation_page.{kind}").read_text("utf-8") for kind in ("html", "js")
+    )
     return page.replace("SCRIPT", script).replace("DATA", json.dumps(data).replace("<", "\\u003c"))
 
 

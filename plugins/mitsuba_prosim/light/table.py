@@ -96,13 +96,15 @@ class Lights:
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
         self.scene = scene
-        chosen = {e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)}
+        strategies = {
+            e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)
+        }
         # Lamps are numbered group by group; the constant sky, of which a scene has at most one, follows.
-        skies = [e for e, s in chosen.items() if s is ConstantSky]
+        skies = [e for e, s in strategies.items() if s is ConstantSky]
         self.groups: list[Group] = []
         self.emitters: list[mi.Emitter] = []
         for strategy in STRATEGIES:
-            if members := [e for e, s in chosen.items() if s is strategy]:
+            if members := [e for e, s in strategies.items() if s is strategy]:
                 self.groups.append((strategy(members), len(self.emitters), len(self.emitters) + len(members)))
                 self.emitters += members
         #: Number of lamps, and number of all light sources.

@@ -80,12 +80,14 @@ class PhotonMIS:
         etendue = dr.select(following.pdf > 0, here, kept)
         return replace(following, etendue=dr.select(vertex.inseparable, 0, etendue))
 
-    def emission_weight(self, ray: Ray, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Float:
-        """Returns the factor by which photons reduce the MIS weight of ``ray``, which leaves ``it`` by an ideal
+    def emission_weight(
+        self, ray: Ray, origin: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+    ) -> mi.Float:
+        """Returns the factor by which photons reduce the MIS weight of ``ray``, which leaves ``origin`` by an ideal
         lobe where ``active``, and meets the light source point ``ds``; 1 where no photon could have found its light.
         """
         assert ray.etendue is not None
-        return ray_weight(ray.etendue * self.sources.density(it, ds, active & (ray.etendue > 0)))
+        return ray_weight(ray.etendue * self.sources.density(origin, ds, active & (ray.etendue > 0)))
 
     def radiance(self, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:
         """Returns the radiance that the glossy lobes at ``vertex`` scatter from the photon map ``number``, with MIS

@@ -14,7 +14,7 @@ import click
 import mitsuba as mi
 
 from .. import atomic, registry
-from ..compat import IN_PYTHON
+from ..compat import PLUGINS_IN_PYTHON
 from ..scene import session
 
 SOURCE = Path(__file__).with_name("stand_in.c")
@@ -45,7 +45,7 @@ def plugin_names() -> list[str]:
     names.
     """
     mi.set_variant("scalar_rgb")
-    names = {*IN_PYTHON, *registry.PLUGINS}
+    names = {*PLUGINS_IN_PYTHON, *registry.PLUGINS}
 
     def record(register: Callable, name: str, *args: Any) -> Any:
         names.add(name)

@@ -33,7 +33,7 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
     ``camera`` is the camera ray, whose time and wavelengths all rays share.
     """
     settings, lights = context.settings, context.lights
-    ray3, si = meet(context, ray, camera, active)
+    ray3, si = intersect(context, ray, camera, active)
     if settings.hide_emitters and not lights.all_delta:
         si = past_emitters(context.scene, ray3, si, active & ray.is_visible, context.attached)
     arriving, ray = ray, attenuated_at(ray, ray3, si, active)
@@ -80,7 +80,9 @@ def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: m
     return vertex
 
 
-def meet(context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+def intersect(
+    context: Context, ray: Ray, camera: mi.Ray3f, active: mi.Bool
+) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
     """Returns ``ray`` as a ``mi.Ray3f`` with the time and the wavelengths of ``camera``, and its surface
     interaction.
     """

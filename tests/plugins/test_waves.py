@@ -19,7 +19,7 @@ from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.explaining.verdict import verdict
-from scenes import COPPER, CROP, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
+from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 
@@ -334,10 +334,16 @@ def test_the_second_image_shows_where_samples_are_needed(variant_rgb):
         ({"type": "hair"}, {"type": "directional"}, False),
         (COPPER, {"type": "directional"}, False),
         (COPPER, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), False),
+        ({"type": "dielectric"}, 1, True),
+        ({"type": "dielectric"}, 32 * 64, False),
     ],
 )
 def test_light_of_a_small_lamp_behind_glass_is_rare(variant_rgb, glass, lamp, uncertain):
-    """If only rays that meet the lamp by chance find it."""
+    """If only rays that meet the lamp by chance find it. A number: bright texels of a bitmap of 64 x 64."""
+    if isinstance(lamp, int):
+        bitmap = mi.Bitmap(np.float32(np.arange(64 * 64) < lamp).reshape(64, 64, 1))
+        emitter = {"type": "area", "radiance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}
+        lamp = {"type": "rectangle", "to_world": T().translate([0, 0, 5]).scale(0.5), "emitter": emitter}
     things = {"sensor": {"type": "perspective"}, "ball": {"type": "sphere", "bsdf": glass}, "lamp": lamp}
     scene = mi.load_dict({"type": "scene"} | things)
     assert sees_tiny_lamp(scene, scene.sensors()[0], by_chance=True) == uncertain

@@ -20,9 +20,9 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) 
     """Tells whether rays may miss the light of a tiny lamp that a surface reflects or refracts.
 
     Camera rays may miss the reflected or refracted image of a tiny lamp, because this image is small. A lamp is tiny if
-    the diagonal of its bounding box is less than the width of two pixels at the lamp's distance from the perspective
-    camera ``sensor``. Only emitters with a shape count as lamps. The function only checks that some BSDF of the scene
-    has a glossy or specular lobe, not where in the scene this BSDF is.
+    the diagonal of its bounding box, or of the :func:`bright_part` of its bitmap, is less than the width of two pixels
+    at the lamp's distance from the perspective camera ``sensor``. Only emitters with a shape count as lamps. The
+    function only checks that some BSDF of the scene has a glossy or specular lobe, not where in the scene this BSDF is.
 
     ``by_chance``: whether only rays that meet a lamp by chance find its light behind glass, as in a path tracer. Then a
     lamp is also tiny if the scene has glass, and the lamp's diagonal is less than :data:`SMALL`, seen from the camera;
@@ -37,8 +37,22 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) 
     pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
     size = max(2 * pixel, SMALL * (clear or rough))
     eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())
-    boxes = (emitter.get_shape().bbox() for emitter in scene.emitters() if emitter.get_shape() is not None)
-    return any(np.linalg.norm(box.extents()) < size * np.linalg.norm(box.center() - eye) for box in boxes)
+    for lamp in (emitter for emitter in scene.emitters() if emitter.get_shape() is not None):
+        box = lamp.get_shape().bbox()
+        diagonal = np.linalg.norm(box.extents()) * bright_part(lamp) ** 0.5
+        if diagonal < size * np.linalg.norm(box.center() - eye):
+            return True
+    return False
+
+
+def bright_part(lamp: mi.Emitter) -> float:
+    """Returns which part of the bitmaps of a lamp has most of its light, 0 to 1; 1 without a bitmap."""
+    params, parts = mi.traverse(lamp), [1.0]
+    for name in params.keys():  # noqa: SIM118 (a SceneParameters iterates over other things)
+        if isinstance(data := params[name], mi.TensorXf):
+            light = np.array(data, np.float64).max(axis=-1)
+            parts.append(float(np.mean(light) ** 2 / max(np.mean(light**2), 1e-300)))
+    return min(parts)
 
 
 def has_glass(scene: mi.Scene) -> tuple[bool, bool]:

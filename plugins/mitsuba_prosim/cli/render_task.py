@@ -385,8 +385,14 @@ def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | No
     ``reached`` is None if the render is not progressive; otherwise, there are entries for the mean number of samples
     per pixel and the measured errors. ``ended`` is the result of :func:`.end_cause`.
     """
-    result = {"scene": job.scene, "version": __version__, "variant": job.variant, "integrator": str(integrator)}
-    result |= {"seed": str(job.seed), "seconds": f"{seconds:.3f}"}
+    result = {
+        "scene": job.scene,
+        "version": __version__,
+        "variant": job.variant,
+        "integrator": str(integrator),
+        "seed": str(job.seed),
+        "seconds": f"{seconds:.3f}",
+    }
     if reached is not None:
         values = {name: getattr(reached, name) for name in ("samples", *ERRORS, "noise_at_most")}
         result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}

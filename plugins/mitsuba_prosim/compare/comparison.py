@@ -141,8 +141,14 @@ class Comparison:
         if b.is_adaptive:
             self.methods["b"] = scene.method(b, transport)
         #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
-        self.facts: dict[str, Any] = {"scene": name, "a": a.text, "b": b.text, "transport": transport}
-        self.facts |= {"rounds": rounds, "exposure": exposure}
+        self.facts: dict[str, Any] = {
+            "scene": name,
+            "a": a.text,
+            "b": b.text,
+            "rounds": rounds,
+            "exposure": exposure,
+            "transport": transport,
+        }
         self.images: dict[str, np.ndarray] = {}
 
     def run(self) -> Iterator[tuple[str, float]]:

@@ -83,8 +83,12 @@ class SceneFile:
         elif unfit := overrides.option_names(name for name in LANGUAGE if translation.get(name)):
             raise ValueError(f"{unfit}: only for scenes in the thesis's language; {self.path} is XML")
         #: Arguments with which :class:`SceneFile` reads the same scene from :attr:`xml`, on a worker for example.
-        self.changes: dict[str, Any] = {"resolution": resolution, "crop": crop, "integrator": parameters}
-        self.changes["definitions"] = dict(definitions or {})
+        self.changes: dict[str, Any] = {
+            "definitions": dict(definitions or {}),
+            "resolution": resolution,
+            "crop": crop,
+            "integrator": parameters,
+        }
         folders = [self.xml.parent, self.path.parent]
         # A confinement begins with the scene's folder; the search path begins with the folder of the XML file.
         confinement = Confinement(reversed(folders)) if confined else None

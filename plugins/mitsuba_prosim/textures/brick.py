@@ -53,7 +53,8 @@ class Brick(Mixture):
 
      * - smoothing
        - |float|
-       - Width over which the pattern is averaged along each of its axes, >= 0. (Default: 0)
+       - Width over which the pattern is averaged along each of its axes, >= 0. Only averaged edges have derivatives by
+         the sizes, so these are noisy if it is 0. (Default: 0)
        - |exposed|, |differentiable|
 
     The texture :monosp:`t-tijolo` of the thesis's example scene. The rows of bricks run along x (or u), one above the

@@ -53,7 +53,8 @@ class Stripes(Mixture):
 
      * - smoothing
        - |float|
-       - Width over which the pattern is averaged along each of its axes, >= 0. (Default: 0)
+       - Width over which the pattern is averaged along each of its axes, >= 0. Only averaged edges have derivatives by
+         the sizes, so these are noisy if it is 0. (Default: 0)
        - |exposed|, |differentiable|
 
     The texture :monosp:`t-listra` of the thesis's example scene. The origin is the middle of a stripe of ``color0``. So

@@ -221,8 +221,8 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     return union([union(distinct[:middle]), union(distinct[middle:])])
 
 
-#: A mesh from which more solids are subtracted, per triangle, is refined before: n cuts of one triangle take manifold3d
-#: a time proportional to n².
+#: A mesh without shared surfaces from which more solids are subtracted, per triangle, is refined before: n cuts of one
+#: triangle take manifold3d a time proportional to n².
 MAX_CUTS = 16
 
 
@@ -230,7 +230,7 @@ def difference(first: Body, others: Sequence[Body]) -> Body:
     """Returns ``first`` minus ``others``; the earliest body owns a common face."""
     near = [body for body in others if len(touching(body.boxes, first.box))]
     solid = first.manifold()
-    if 0 < MAX_CUTS * solid.num_tri() < len(near):
+    if not first.surfaces and 0 < MAX_CUTS * solid.num_tri() < len(near):
         refined = solid.refine(math.ceil(math.sqrt(len(near) / (MAX_CUTS * solid.num_tri()))))
         first = replace(first, manifold=lambda: refined)
     if _share_surfaces([first, *near]) and (body := union(near)):

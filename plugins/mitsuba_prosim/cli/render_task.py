@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isnan
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,12 +20,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 import mitsuba as mi
 
-from .. import atomic
+from .. import __version__, atomic
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
 from ..engine.plan import TARGETS
-from ..explaining.verdict import end_cause
+from ..engine.render import Reached
+from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
 from ..scene import black, images, rendering, scene_file, session
 from . import files
 from .job import Job, refuse_scalar
@@ -34,18 +36,6 @@ from .terminal import Progress, interruptible, log
 if TYPE_CHECKING:
     from ..denoising.final_image import FinalImage
     from ..parallel.executor import DaskExecutor
-
-
-from math import isnan
-from typing import TYPE_CHECKING
-
-from .. import __version__
-from ..engine.render import Reached
-from ..explaining.verdict import ERRORS, denoised_words, verdict
-
-if TYPE_CHECKING:
-    from ..denoising.final_image import FinalImage
-
 
 #: Suffixes of the files of an image, and of its checkpoint.
 SUFFIXES, STATE_SUFFIX = (".exr", ".png"), ".state.npz"

@@ -1,4 +1,4 @@
-"""The types of the values of command-line options, and options that the help text shows in groups."""
+"""The types of the values of command-line options and of input files; options that the help text shows in groups."""
 
 import difflib
 import math

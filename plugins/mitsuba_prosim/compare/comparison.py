@@ -1,5 +1,5 @@
-"""Compares two methods (integrators with samplers) in interleaved runs; the results are numbers and images for an HTML
-page.
+"""Compares two methods (integrators with samplers): renders a converged reference image, and measures the time and the
+error of both in interleaved runs. The results are numbers and images for an HTML page.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The task that a Dask worker executes: takes the samples of a work item.
+"""The task that a Dask worker executes: takes the samples of a work item, of a scene that the worker gets as a bundle.
 
 All tasks of a worker run in a single thread, which uses all threads of Dr.Jit. If two clients render on one worker,
 their tasks are executed in turn.

@@ -16,7 +16,7 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim.compat import take_back_interrupts
 from mitsuba_prosim.engine.goal import PolicyGoal
-from mitsuba_prosim.engine.tiny_lamps import sees_tiny_lamp
+from mitsuba_prosim.engine.tiny_lamps import bright_part, sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.explaining.verdict import verdict
 from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
@@ -348,6 +348,16 @@ def test_light_of_a_small_lamp_behind_glass_is_rare(variant_rgb, glass, lamp, un
     scene = mi.load_dict({"type": "scene"} | things)
     assert sees_tiny_lamp(scene, scene.sensors()[0], by_chance=True) == uncertain
     assert not sees_tiny_lamp(scene, scene.sensors()[0])
+
+
+@pytest.mark.parametrize("variant", ["llvm_ad_rgb", "llvm_ad_spectral"])
+@pytest.mark.parametrize("texels, light, part", [(4096, 0.5, 1), (4096, 1, 1), (0, 1, 1), (16, 1, 1 / 256)])
+def test_bright_part_of_a_bitmap_is_the_same_in_spectral_variants(variant, texels, light, part):
+    """There, the texels are coefficients of spectra: 0 for grey, infinite for white and black."""
+    mi.set_variant(variant)
+    image = np.repeat(np.float32(light * (np.arange(4096) < texels)).reshape(64, 64, 1), 3, axis=2)
+    shape = {"type": "rectangle", "l": {"type": "area", "radiance": {"type": "bitmap", "bitmap": mi.Bitmap(image)}}}
+    assert bright_part(mi.load_dict(shape).emitter()) == pytest.approx(part, rel=1e-3)
 
 
 def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):

@@ -50,8 +50,14 @@ def bright_part(lamp: mi.Emitter) -> float:
     params, parts = mi.traverse(lamp), [1.0]
     for name in params.keys():  # noqa: SIM118 (a SceneParameters iterates over other things)
         if isinstance(data := params[name], mi.TensorXf):
-            light = np.array(data, np.float64).max(axis=-1)
-            parts.append(float(np.mean(light) ** 2 / max(np.mean(light**2), 1e-300)))
+            texels = np.array(data, np.float64)
+            if mi.is_spectral and texels.shape[-1] == 3:  # coefficients of spectra (Jakob and Hanika 2019)
+                wavelengths = np.array([450, 550, 650])
+                values = np.clip(texels @ np.vander(wavelengths, 3).T, -1e9, 1e9)
+                texels = 0.5 + 0.5 * values / np.hypot(1, values)
+            light = texels.max(axis=-1)
+            if light.any():
+                parts.append(float(np.mean(light) ** 2 / np.mean(light**2)))
     return min(parts)
 
 

@@ -12,6 +12,7 @@ html_title = project
 html_theme = "furo"
 html_static_path = ["style"]
 html_css_files = ["plugins.css"]
+html_favicon = "style/favicon.svg"  # four samples in an N-rook pattern
 html_math_renderer = "mathml"
 highlight_language = "none"
 extensions = ["myst_nb", "sphinx_tabs.tabs", "mathml", "notebook_pages", "plugin_pages", "scene_lexer"]

@@ -74,7 +74,7 @@ def modules() -> Iterator[str]:
 
 
 def register_plugins(*_: object) -> None:
-    """Registers all plugins for the active variant, if there is one for which they are not registered yet.
+    """Registers all plugins for the active variant; does nothing if there is no variant, or they are registered.
 
     Mitsuba calls this function after each change of the variant; the arguments (old variant, new variant) are ignored.
     Raises RuntimeError if LLVM would abort the process (see ``llvm.problem``). After an error, the next call tries

@@ -17,7 +17,7 @@ from ..compat import PERSPECTIVE, world_transform
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
-    """Tells whether :func:`ray_sampler` computes the rays of ``sensor`` itself: Mitsuba's perspective camera."""
+    """Tells whether ``sensor`` is Mitsuba's perspective camera, whose rays :func:`ray_sampler` computes itself."""
     return bool(sensor.class_name() == PERSPECTIVE)
 
 

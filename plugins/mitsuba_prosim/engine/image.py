@@ -118,7 +118,7 @@ class Image(PixelSet):
 
     @alone()
     def all_counts(self) -> np.ndarray:
-        """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
+        """Returns the number of samples of each pixel, with those of a complete second image; shape (height, width)."""
         counts = self.count
         if self.second is not None and self.second.complete:
             counts[self.second.index] += self.second.count

@@ -220,7 +220,7 @@ class Render(Steps):
         return self.state.crop(self.state.error(), self.state.plan.window)
 
     def counts(self) -> np.ndarray:
-        """Returns the samples of each pixel, shape (height, width), with those of a complete second image."""
+        """Returns the number of samples of each pixel, with those of a complete second image; shape (height, width)."""
         return self.state.all_counts()
 
     @alone()

@@ -99,9 +99,9 @@ def explain(
         As in ``mi.render``, whose image with the same ``spp`` and ``seed`` has the same samples.
 
     The mean of the samples is the value of the pixel in the image, if the film has a box filter. With another filter,
-    the image also has a part of the samples of the pixels around, and a note says so. If ``spp`` is 0, an adaptive
-    image has the first of these samples. An integrator of Mitsuba that follows paths is explained by paths of
-    ``prosim``, which a note says, too.
+    the image also has a part of the samples of the pixels around, and a note says so. If ``spp`` is 0, an image with
+    adaptive sampling may have only the first of these samples. An integrator of Mitsuba that follows paths is explained
+    by paths of ``prosim``, which a note says, too.
 
     Raises ValueError for a pixel outside the image, a sample that does not exist, and an integrator without samples of
     its own, and RuntimeError in scalar variants.

@@ -91,8 +91,8 @@ def render(
     ``scene``
         A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
     ``noise``, ``time``
-        Limit of the RMS error of the displayed image (white = 1; 0.01 is usual), and of the seconds; 0: as in the
-        scene.
+        The render ends when the RMS error of the displayed image (white = 1) is ``noise``, for which 0.01 is usual, or
+        after ``time`` seconds. 0: as in the scene.
     ``spp``
         Number of samples of each pixel, whatever limits the scene has; not together with ``noise`` and ``time``.
     ``denoise``

@@ -25,8 +25,8 @@ Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
 
 
 def depolarized(value: Any) -> mi.Spectrum:
-    """Returns ``value`` as unpolarised light. ``dr.select`` returns spectra as other arrays, of which Mitsuba's
-    ``depolarizer`` has only the first channel.
+    """Returns ``value`` as unpolarised light. ``dr.select`` changes the type of spectra, and Mitsuba's ``depolarizer``
+    takes only the first channel of other types; so the value is converted to a spectrum first.
     """
     return mi.depolarizer(mi.UnpolarizedSpectrum(value))
 

@@ -49,7 +49,7 @@ class Transport(Context):
 
     @property
     def rays_per_sample(self) -> int:
-        """About how many rays a sample traces, if a ray tree has one reflected or refracted ray."""
+        """About how many rays a sample traces; a ray tree is supposed to have one reflected or refracted ray."""
         if not self.settings.follows_tree:
             return RAYS_PER_PATH
         follows = self.settings.max_level > 0 and (self.reflects or self.refracts)

@@ -247,8 +247,8 @@ class Reader(Scanner):
         return None
 
     def read_parameters(self, follow: frozenset[str], *owner: str | int) -> dict[str, Any]:
-        """Reads parameters, with roles ``follow`` after each; returns name in the model -> value, or None for a wrong
-        one. ``owner`` is a light's number.
+        """Reads parameters; returns a dictionary from their names in the model to their values (None: a wrong value).
+        ``follow`` has the roles that may follow a parameter. ``owner`` is the number of the light that has them.
         """
         parameters: dict[str, Any] = {}
         while (keyword := self.token).role in follow and keyword.role not in LIGHTS:

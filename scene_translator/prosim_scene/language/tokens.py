@@ -131,8 +131,8 @@ class Scanner(ABC):
         self.tokens.append(Token("COMMENT", self.source.text[start : self.position], start, self.position))
 
     def rare_token(self, kind: str, piece: str, span: Span) -> Token:
-        """Returns the token of a less frequent group of :data:`PIECE`; an expression has its value, or 1 without one.
-        Raises SceneError as :meth:`read_token`.
+        """Returns the token of a ``piece`` that matched the less frequent group ``kind`` of :data:`PIECE`; that of an
+        expression is its value, or 1 if it has none. Raises SceneError as :meth:`read_token`.
         """
         if kind == "mark":
             raise self.source.error(span, "found ')' without its '('; expected it after a '('", "unclosed")

@@ -175,7 +175,7 @@ def located(folder: Path, name: str) -> Path:
 
 
 def images(document: Document) -> list[tuple[str, ValuePath]]:
-    """Lists each use of an image file: its name, and its path such as ("background", "image")."""
+    """Lists the uses of image files: the name, and its path in the model, such as ("background", "image")."""
     scene = document.scene
     names: dict[ValuePath, str | None] = {("background", "image"): scene.background.image}
     names |= {("lights", number, "image"): light.image for number, light in enumerate(scene.lights)}

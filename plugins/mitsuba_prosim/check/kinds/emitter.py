@@ -190,7 +190,7 @@ class Emitter(Tests):
             self.report.equal("pdf of a position = pdf_position()", ps.pdf, stated, lamp.name)
 
     def test_motion(self, other: Lamp) -> None:
-        """is_environment() is the flag; with another to_world, the emitter's light moves along."""
+        """is_environment() agrees with the flags; if to_world changes, the light moves with it."""
         if not other.distant:
             is_infinite = other.emitter.is_environment() == other.infinite
             self.report.require("is_environment() is the flag Infinite", [is_infinite])

@@ -49,7 +49,9 @@ class Shape(Tests):
         require("bbox() holds all positions", (p >= low - 1e-4 * size) & (p <= high + 1e-4 * size))
 
     def test_area(self, placed: Placed) -> None:
-        """Random lines meet the shape as often as surface_area() says, where sample_position() says."""
+        """Random lines meet the shape as often as surface_area() says, and at places that are distributed as those of
+        sample_position().
+        """
         scene, shape, centre, size = placed
         radius, middle = 0.51 * size, centre[:, None] + 1e-3 * size * np.array([[1], [2], [3]])
         offset = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(uniform(LINES, 2, 3)))

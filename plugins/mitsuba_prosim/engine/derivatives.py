@@ -10,6 +10,7 @@ import numpy as np
 
 from ..compat import denormals_rounded, double, dr_array
 from .camera import without_crop_window
+from .estimator import lanes
 from .film import film_values, put
 from .image import Image
 from .plan import pixels, pixels_around
@@ -53,19 +54,17 @@ class Derivatives:
                 targets = zip(weights, pixels_around(x, y, self.estimator.reach, window, window))
                 yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in targets]
 
-    def lanes(self) -> Iterator[list[mi.UInt32]]:
-        """Yields all samples of the image, up to :data:`LANES` at a time, as three arrays ``[pixel, t, count]``.
+    def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32, mi.UInt32]]:
+        """Yields all samples of the image, up to :data:`LANES` at a time, as three arrays ``(pixel, t, count)``.
 
         For each sample, ``pixel`` is the index of its pixel in ``plan.region``, ``t`` is the number of the sample
-        within this pixel, from 0, and ``count`` is the number of samples of the pixel. Pixels follow one another, each
-        with all its samples; pixels without samples are left out.
+        within this pixel, from 0, and ``count`` is the number of samples of the pixel.
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         for first in range(0, int(ends[-1]), LANES):
-            lane = np.arange(first, min(first + LANES, int(ends[-1])))
-            pixel = np.searchsorted(ends, lane, side="right")
-            count = self.counts[pixel]
-            yield [dr_array(values.astype(np.uint32)) for values in (pixel, lane - ends[pixel] + count, count)]
+            places = (np.clip(lane - ends + self.counts, 0, self.counts) for lane in (first, first + LANES))
+            _, pixel, t = lanes(*(dr_array(place.astype(np.uint32)) for place in places))
+            yield pixel, t, dr.gather(mi.UInt32, dr_array(self.counts), pixel)
 
     @denormals_rounded()
     def backward(self, gradient: mi.TensorXf) -> None:

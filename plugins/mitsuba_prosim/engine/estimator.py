@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import drjit as dr
@@ -108,49 +109,51 @@ class Estimator:
     def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
         """Adds samples to the sums ``start`` of the pixels (x, y), and returns the new sums.
 
-        A pixel gets samples until it has ``end`` samples, or until it has converged at the end of a pass by the
-        criterion of the adaptive-sampling policy. A pixel to which this applies at once gets no sample. Each lane is
-        one pixel.
+        Each pixel gets samples until it has ``end`` samples. In the first kernel, each lane takes one sample; adjacent
+        lanes take samples of the same pixel, because similar rays are traced faster. In the second kernel, each lane
+        adds the samples of one pixel in the order of their numbers. The luminance of a sample is limited to
+        :data:`BRIGHTEST`; the film's sums are not limited.
         """
-        n, policy, Double = plan.n, plan.policy, double()
+        n, Double = plan.n, double()
         brightest = BRIGHTEST if Double is mi.Float else BRIGHTEST**2
+        first, pixel, t = lanes(start.count, end)
+        x, y, seed = dr.gather(tuple, (x, y, plan.seed), pixel)
+        values, Y, position = self.sample(replace(plan, seed=seed), x, y, t)
+        if self.rfilter.is_box_filter():
+            position = mi.Point2f(0.5)  # so that the positions, which nothing needs, are not stored
+        samples = values, dr.clip(Y, -brightest, brightest), position
+        dr.eval(samples)
 
-        # ``end`` is not a part of the loop's state: Dr.Jit traces a loop twice if the body leaves a state variable
-        # unchanged.
-        def unfinished(sums: Accumulators) -> mi.Bool:
-            """Returns the mask of the pixels that have fewer than ``end`` samples, and have not converged.
-
-            A pixel can converge only when it has a whole number of passes, each with ``n`` samples.
-            """
-            converged = policy.converged(sums.total, sums.squares, sums.count)
-            return (sums.count < end) & ~((sums.count % n == 0) & converged)
-
-        def step(sums: Accumulators, active: mi.Bool) -> tuple[Accumulators, mi.Bool]:
-            """Adds one sample to the sums of each pixel; returns the new sums and the mask :func:`unfinished`.
-
-            The loop itself keeps the sums of pixels that are not ``active``. The luminance of a sample is limited to
-            ``brightest``; the film's sums are not limited.
-            """
-            t = sums.count
-            values, Y, position = self.sample(plan, x, y, t)
-            filtered = [s + w * v for s, (w, v) in zip(sums.sums, product(self.weights(position), values))]
-            Y = Double(dr.clip(Y, -brightest, brightest))
-            in_pass = sums.in_pass + Y
-            last = (t + 1) % n == 0
+        def step(sums: Accumulators) -> tuple[Accumulators]:
+            """Adds one sample to the sums of each pixel."""
+            values, Y, position = dr.gather(tuple, samples, first + (sums.count - start.count))
+            weights = self.weights(position)
+            in_pass = sums.in_pass + Double(Y)
+            last = (sums.count + 1) % n == 0
             sums = Accumulators(
-                filtered,
-                sums.total + Y,
-                sums.squares + dr.square(Y),
+                [s + w * v for s, (w, v) in zip(sums.sums, product(weights, values))],
+                sums.total + Double(Y),
+                sums.squares + dr.square(Double(Y)),
                 sums.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
                 dr.select(last, 0, in_pass),
-                t + 1,
+                sums.count + 1,
             )
-            return sums, unfinished(sums)
+            return (sums,)
 
-        active = unfinished(start)
-        # The order of a kernel's constants depends on what was traced before if the kernel has something to compute
-        # before the loop. Then the second pass with a wide filter would compile another kernel.
-        dr.eval(active)
-        return dr.while_loop(
-            (start, active), lambda sums, active: active, step, labels=("sums", "active"), max_iterations=-1
-        )[0]
+        return dr.while_loop((start,), lambda sums: sums.count < end, step, labels=("sums",), max_iterations=-1)[0]
+
+
+def lanes(begin: mi.UInt32, end: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
+    """Assigns a lane to each sample of several pixels: to those from number ``begin`` to ``end`` - 1 of each pixel.
+
+    Returns ``(first, pixel, t)``: the first lane of each pixel, and the pixel and the number of the sample of each
+    lane. A pixel's lanes are adjacent.
+    """
+    number = end - begin
+    first = dr.prefix_sum(number)
+    total = dr.opaque(mi.UInt32, int((first + number)[-1]))  # a constant would be a part of the kernel
+    pixel = dr.zeros(mi.UInt32, total[0])
+    dr.scatter_add(pixel, 1, first, first < total, mode=dr.ReduceMode.Direct)
+    pixel = dr.cumsum(pixel) - 1
+    before, begins = dr.gather(tuple, (first, begin), pixel)
+    return first, pixel, dr.arange(mi.UInt32, len(pixel)) - before + begins

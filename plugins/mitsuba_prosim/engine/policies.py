@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from .standard_error import in_display_units, standard_error, variance
@@ -47,14 +45,14 @@ class Policy:
         """
         return np.full(count.shape, self.noisy_samples)
 
-    def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
-        """Tells which pixels have converged, so that they need no further samples after their first ``t`` samples.
+    def converged(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Tells which pixels have converged, so that they need no further samples.
 
-        The result is used only if ``t`` is a whole number of passes. ``total`` and ``squares`` are the sums of the
-        luminance and of its square over the first ``t`` samples of a pixel. The result is False for all pixels in
-        policies that do not decide by a pixel's own samples.
+        ``total`` and ``squares`` are the sums of the luminance and of its square over the ``count`` samples of a pixel,
+        which are a whole number of passes. The result is False for all pixels in policies that do not decide by a
+        pixel's own samples.
         """
-        return mi.Bool(False)
+        return np.zeros(count.shape, dtype=bool)
 
 
 class Uniform(Policy):
@@ -76,10 +74,11 @@ class Thesis(Policy):
     unbounded = False
     measure = staticmethod(standard_error)
 
-    def converged(self, total: mi.Float, squares: mi.Float, t: mi.UInt32) -> mi.Bool:
+    def converged(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
         """Tells which pixels have the minimum number of samples, and a measure of at most the threshold."""
-        threshold = dr.opaque(mi.Float, self.threshold)  # one kernel serves all values
-        return (t >= self.first_samples) & (self.measure(total, squares, mi.Float(t)) <= threshold)
+        with np.errstate(all="ignore"):  # NaN without samples
+            measured = self.measure(total, squares, count)
+        return (count >= self.first_samples) & (measured <= np.float32(self.threshold))
 
 
 class Variance(Thesis):
@@ -90,9 +89,9 @@ class Variance(Thesis):
     """
 
     @staticmethod
-    def measure(total: mi.Float, squares: mi.Float, t: mi.Float) -> mi.Float:
-        """Returns the mean squared deviation of ``t`` samples from their mean."""
-        return dr.maximum(squares / t - dr.square(total / t), 0)
+    def measure(total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Returns the mean squared deviation of ``count`` samples from their mean."""
+        return np.maximum(squares / count - np.square(total / count), 0)
 
 
 class Neighbours(Policy):

@@ -21,7 +21,7 @@ from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
 from .tiny_lamps import sees_tiny_lamp
-from .work import Executor, Step, Steps, lacking, photon_batches, work_items
+from .work import Executor, Step, Steps, batches, lacking, work_items
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
@@ -147,8 +147,7 @@ class Render(Steps):
         # Number of samples that the batch lacks, and number that it has taken. The pass is complete if both agree in
         # the last batch.
         missing, taken, several = 0, 0, bool(np.any(wanted > 1))
-        for by, batch in photon_batches(image, plan, wanted):
-            # A pixel that converged in the previous batch still lacks samples, and takes none.
+        for by, batch in batches(image, plan, wanted):
             have, taken = int(np.array(image.accumulators.count)[: len(wanted)].sum(dtype=np.int64)), 0
             missing = int(lacking(image, batch).sum())
             # The time limit cannot end a pass that takes the first samples, so it does not make its items small either.

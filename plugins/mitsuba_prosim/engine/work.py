@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
     from .image import Image
 
-#: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
-MOST_SUMS = 1 << 23
+#: Maximum number of sums of the pixels of a work item, and of numbers of its samples, which limits memory: wide filters
+#: have many sums per pixel, layers have many channels per sample.
+MOST_SUMS, MOST_NUMBERS = 1 << 23, 1 << 27
 
 
 class Step(NamedTuple):
@@ -62,8 +63,8 @@ class WorkItem:
     """A unit of work for an executor: some pixels of an image, and the number of samples that each pixel should reach.
 
     ``start`` are the sums over the earlier samples of the pixels (x, y). Each pixel gets further samples until it has
-    ``end`` samples or has converged. All samples of a work item gather photons of the same photon pass. All Dr.Jit
-    arrays of a work item are evaluated, and have one entry per pixel.
+    ``end`` samples. All samples of a work item gather photons of the same photon pass. All Dr.Jit arrays of a work item
+    are evaluated, and have one entry per pixel.
     """
 
     estimator: Estimator
@@ -72,7 +73,7 @@ class WorkItem:
     y: mi.Int32
     start: Accumulators
     end: mi.UInt32
-    #: Number of samples, if no pixel converges before.
+    #: Number of samples that the pixels need together.
     samples: int = 0
     #: Function that stores the sums in the image; in another process, it only evaluates them.
     store: Callable[..., None] = dr.eval
@@ -173,9 +174,8 @@ def work_items(
 
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
     each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
-    have improved if the render is stopped early. Pixels that need similar numbers of samples are in the same work item
-    if possible, because the lanes of a kernel wait for the slowest lane. Among pixels that need equal numbers of
-    samples, neighbours are in the same work item if possible, because their rays are similar.
+    have improved if the render is stopped early. Among pixels that need equal numbers of samples, neighbours are in the
+    same work item if possible, because their rays are similar.
     """
     lack = lacking(image, wanted)
     order = np.flatnonzero(lack)
@@ -183,9 +183,9 @@ def work_items(
     # The key of the sort: first the number of missing samples, in falling order; then the place along the Z curve.
     order = order[np.argsort(z_curve(x[order], y[order]) - (lack[order] << 32))]
     ends = np.cumsum(lack[order])
-    begin = before = 0
+    begin, before, numbers = 0, 0, len(image.estimator.channels.names) + 3
     while begin < len(order):
-        most = before + executor.limit(int(ends[-1]) - before, seconds)
+        most = before + min(executor.limit(int(ends[-1]) - before, seconds), MOST_NUMBERS // numbers)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
@@ -205,13 +205,29 @@ def _work_item(image: PixelSet, plan: Plan, pixels: mi.UInt32, end: mi.UInt32, s
     return WorkItem(image.estimator, replace(plan, seed=seed), x, y, start, end, samples, store)
 
 
-def photon_batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
-    """Divides the samples that pixels need to reach the numbers ``wanted`` into batches, one for each photon pass.
+def batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
+    """Divides the samples that pixels need to reach the numbers ``wanted`` into batches.
 
     Yields, for each batch, its plan, and the number of samples of each pixel after the batch; a pixel that already has
-    more samples takes none. The photon maps of one photon pass are used for a fixed number of successive samples of
-    each pixel. Without caustics, there is only one batch. With caustics, an image and its second image have different
-    photons, so they have different batches.
+    more samples takes none. With a policy that decides by a pixel's own samples, each pass of N samples is a batch, and
+    pixels that have converged take no further samples.
+    """
+    for by, batch in photon_batches(image, plan, wanted):
+        if plan.policy.unbounded:
+            yield by, batch
+            continue
+        for stop in range(plan.n, int(batch.max()) + plan.n, plan.n):
+            total, squares, count = image.statistics()
+            converged = (count % plan.n == 0) & plan.policy.converged(total, squares, count)
+            yield by, np.where(converged, 0, np.minimum(batch, np.uint32(stop)))
+
+
+def photon_batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
+    """Yields the :func:`batches` for all photon passes: each photon pass has a batch.
+
+    The photon maps of one photon pass are used for a fixed number of successive samples of each pixel. Without
+    caustics, there is only one batch. With caustics, an image and its second image have different photons, so they have
+    different batches.
     """
     caustics = image.estimator.transport.caustics
     if caustics is None:

@@ -46,7 +46,8 @@ def test_space_that_is_checked_suffices(write_scene, variant_rgb, monkeypatch, o
     monkeypatch.setattr(
         files, "check", lambda stem, suffixes, size, of: (sizes.append(size), check(stem, suffixes, size, of))
     )
-    scene = write_scene(scene_text(ADAPTIVE_PATH, LIT_FLOOR, 128, 96, "independent", 2), "s.xml")
+    integrator = ADAPTIVE_PATH.replace("100", "4000")
+    scene = write_scene(scene_text(integrator, LIT_FLOOR, 128, 96, "independent", 2), "s.xml")
     done("render", scene, *options)
     written = sum(path.stat().st_size for path in scene.parent.iterdir() if path != scene)
     assert least * (sizes[0] - 2**16) < written < sizes[0]

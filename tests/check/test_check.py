@@ -36,7 +36,7 @@ SETS = {
     "prosim_point": [SPOT, {"distribution": "cone", "angle": 25.0}],
     "thinlens": [{"aperture_radius": 0.1}],
     "prosim_stripes": [{"smoothing": 0.1}],
-    "prosim_brick": [{"smoothing": 0.1}],
+    "prosim_brick": [{"smoothing": 0.1}, {"solid": True}],
     "prosim_fractal": [{}, {"smoothing": 0.1, "octaves": 3}],
 }
 #: Colours of both lobes: polarised variants once had those of one wavelength.

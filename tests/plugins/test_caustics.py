@@ -19,7 +19,6 @@ from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
 from mitsuba_prosim.transport.scattering import Scattering
 from scenes import FLAT, T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
-from test_record import Elsewhere, finished
 
 
 def view(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -168,22 +167,6 @@ def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
     assert np.array_equal(render(dark), render(dark, caustics=False))
 
 
-def test_resumed_image_with_photons_has_the_same_bits(variant_rgb):
-    world = on_metal(8)
-    integrator = mi.load_dict(
-        {"type": "prosim", "samples": 2, "max_samples": 30, "adaptive": "graded", "caustics": True}
-        | {"caustic_photons": 1 << 12, "threshold": 1e-4}
-    )
-    render = integrator.progressive(world, seed=3)
-    begun, *_ = [render.checkpoint() for _ in render]
-    whole = np.array(render.image())
-    integrator.progressive(world, seed=3, begin=begun).run()
-    assert np.array_equal(np.array(world.sensors()[0].film().develop()), whole)
-    integrator.caustic_photons += 1
-    with pytest.raises(ValueError, match="photons of a set: 4096 there, 4097 here"):
-        integrator.progressive(world, seed=3, begin=begun)
-
-
 @pytest.mark.slow
 def test_each_sample_has_photons_of_its_own(variant_rgb):
     # So that the variance within a pixel knows of them, and more samples mean less of it.
@@ -194,14 +177,6 @@ def test_each_sample_has_photons_of_its_own(variant_rgb):
         images = np.stack([render(world, seed, **more)[7:10, 5:9] for seed in range(6)])
         errors.append(images.std(axis=0, ddof=1).mean())
     assert errors[1] < 0.7 * errors[0]
-
-
-@pytest.mark.parametrize("more", ({"max_samples": 8, "noise": 1e-4}, *slow({"samples": 12, "adaptive": "thesis"})))
-def test_an_image_by_another_process_in_small_work_items_has_the_same_photons(variant_rgb, more):
-    """Also that of the second image of a few pixels, which has several copies of them with a seed each."""
-    world = small(6, integrator={"type": "prosim", "samples": 2, "caustics": True, "caustic_photons": 1 << 10} | more)
-    expected = finished(world)
-    assert finished(world, executor=Elsewhere(world, most=500))[1] == expected[1]
 
 
 def test_a_pass_takes_as_many_samples_as_most_pixels_request():

@@ -47,15 +47,6 @@ def test_diffuse_scene_equals_direct(variant_rgb):
         assert same_expectation(direct, ours)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ball", [{**COPPER, "alpha": 0.004}, {"type": "dielectric"}], ids=["nearly smooth", "glass"])
-def test_one_specular_object_equals_path(variant_rgb, ball):
-    """No highlight is lost or counted twice, whatever the roughness; a tree of depth 8 for glass."""
-    path = renderings(alone(ball, type="path", max_depth=10, rr_depth=100), 12, spp=144)
-    ours = renderings(alone(ball, type="prosim", adaptive="none", max_level=8), 12, spp=36)
-    assert same_expectation(path, ours)
-
-
 def test_russian_roulette_does_not_change_the_mean(variant_rgb):
     scene = alone({"type": "dielectric"}, type="prosim", adaptive="none", samples=8, max_level=3)
     by_lot, every = (renderings(scene, 3, rr_throughput=part, **scene["integrator"]) for part in (0.3, 0.0))
@@ -65,16 +56,6 @@ def test_russian_roulette_does_not_change_the_mean(variant_rgb):
     assert within.sum() > 30 and abs(z) < 4.5
     defaults = [mi.load_dict({"type": "prosim", "caustics": caustics}).rr_throughput for caustics in (False, True)]
     assert defaults == [0.0, 0.01]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bounces", [-1, 20])
-def test_diffuse_bounces_make_it_a_path_tracer(variant_rgb, bounces):
-    scene = mi.cornell_box()
-    scene["sensor"]["film"]["width"] = scene["sensor"]["film"]["height"] = 32
-    path = renderings(scene, 16, spp=64, type="path", max_depth=8)
-    ours = renderings(scene, 16, spp=64, type="prosim", adaptive="none", max_level=6, diffuse_bounces=bounces)
-    assert same_expectation(path, ours)
 
 
 def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):

@@ -1,7 +1,6 @@
 """The choice of one lamp along paths: its probabilities, and the images that it makes."""
 
 import functools
-from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -93,25 +92,6 @@ def test_probabilities_sum_to_one_and_are_those_of_the_choice(variant_rgb, monke
 
 
 @pytest.mark.slow
-def test_the_density_of_a_lamp_that_is_met_is_that_of_its_sample(variant_rgb):
-    """Of spheres, which our own strategy samples, and of Mitsuba's shapes; times the probability of the choice."""
-    scene = mi.load_dict(lit())
-    lights = Lights(scene, choose=True)
-    si, n, _ = points(1009)
-    receiver = Receiver(si, n)
-    total = lights.sampler.total(receiver, mi.Bool(True))
-    for name in ("strong", "weak", "panel", "textured"):
-        k = next(i for i, e in enumerate(lights.emitters) if e.get_shape() is not None and e.get_shape().id() == name)
-        ds, _ = lights.lamp(mi.UInt32(k)).sample(receiver, mi.Point2f(0.3, 0.6), mi.Bool(True))
-        probability = lights.sampler.probability(mi.UInt32(k), receiver, mi.Bool(True))
-        expected = np.array(ds.pdf * probability)
-        there = (expected > 0) & (np.array(dr.dot(ds.d, n)) > 0.05)
-        for importance in (total, None):
-            pdf = np.array(lights.pdf(replace(receiver, importance=importance), ds, mi.Bool(True)))
-            assert there.sum() > 50 and np.allclose(pdf[there], expected[there], rtol=2e-2)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "small, hidden, ball",
     [(0, False, {"type": "roughdielectric", "alpha": 0.2}), (30, True, {"type": "roughconductor", "alpha": 0.1})],
@@ -167,17 +147,3 @@ def test_derivatives_hold_the_choice_fixed(variant_rgb):
     derivatives = [derivative(functools.partial(mean, seed=seed), 1) for seed in range(100, 106)]
     error = np.hypot(differences.std(ddof=1), np.std(derivatives, ddof=1)) / np.sqrt(6)
     assert abs(differences.mean() - np.mean(derivatives)) < 4 * error and np.mean(derivatives) > 4 * error
-
-
-@pytest.mark.slow
-def test_photons_at_nearly_smooth_surfaces_share_the_light_of_several_lamps(variant_rgb):
-    """There photons must know the probability of the lamp, too. Significance: 0.01."""
-    copper = {"type": "roughconductor", "material": "Cu"}
-    scene = penumbra(copper | {"alpha": 0.05})
-    scene["floor"]["bsdf"] = copper | {"alpha": 0.3}
-    scene |= {name: lamp for name, lamp in lamps().items() if name in ("panel", "behind")}
-    scene["second"] = sphere_lamp([3, 3, 2], 0.5, rgb(5, 20, 5))
-    settings = {"type": "prosim", "adaptive": "none", "max_level": 3, "diffuse_bounces": -1}
-    rays = renderings(scene, 10, spp=64, **settings)
-    photons = renderings(scene, 10, spp=64, caustics=True, caustic_photons=20000, **settings)
-    assert same_expectation(rays, photons)

@@ -37,6 +37,7 @@ def checkpoints(scene, **how):
 # ------------------------------------------------------------------ going on
 
 QUICK = {"noise": 0.002, "max_samples": 300, "size": 24, "band": 250}
+PHOTONS = {"caustics": True, "caustic_photons": 1 << 10, "size": 8, "samples": 2}
 SLOW = [
     *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
     {"noise": 0.004, "noise_99": 0.01, "max_samples": 100, "rfilter": "box"},
@@ -45,7 +46,9 @@ SLOW = [
 ]
 
 
-@pytest.mark.parametrize("settings", [QUICK, *slow(*SLOW)], ids=str)
+@pytest.mark.parametrize(
+    "settings", [QUICK, PHOTONS | {"adaptive": "graded", "threshold": 1e-4, "max_samples": 30}, *slow(*SLOW)], ids=str
+)
 def test_a_resumed_render_has_the_same_bits(variant_rgb, settings):
     """Within the first wave, within a later one, while its noise is measured, and at the ends."""
     scene = copper(**{"band": 700, **settings})
@@ -77,6 +80,7 @@ def test_checkpoints_of_another_image_are_refused(variant_rgb):
         ({"rfilter": "box"}, "reach of the filter: 2 there, 0 here"),
         ({"aovs": "d:depth"}, "channels"),
         ({"max_samples": 60}, "continue with adaptive = graded"),
+        ({"caustics": True, "caustic_photons": 16}, "photons of a set: None there, 16 here"),
     ]:
         with pytest.raises(ValueError, match=says):
             finished(copper(**{"size": 8, **settings}), begin=last)
@@ -147,6 +151,7 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
     "settings",
     [
         {"noise": 0.004, "max_samples": 200},
+        PHOTONS | {"noise": 1e-4, "max_samples": 8},
         *slow({"adaptive": "none", "rfilter": "box"}, {"adaptive": "neighbours", "rfilter": "box"}),
         *slow({"adaptive": "thesis"}, {"adaptive": "graded"}),
         *slow({"noise": 0.006, "max_samples": 60}, {"size": 10, "noise": 0.01, "max_samples": 60}),
@@ -157,7 +162,7 @@ def test_samples_that_were_taken_elsewhere(variant_rgb, settings):
     """With all policies; with noise and a second image, larger patterns, and a filter that reaches other pixels."""
     here, there = (copper(**{"size": 24, **settings}) for _ in "ab")
     expected, reached = finished(here)
-    found, as_far = finished(here, executor=Elsewhere(there, most=10000))
+    found, as_far = finished(here, executor=Elsewhere(there, most=500 if "caustics" in settings else 10000))
     assert np.array_equal(found, expected) and as_far == reached
 
 

@@ -90,19 +90,6 @@ def test_mean_is_the_average_of_many_points(variant_rgb, plugin, solid):
     assert whole.max() == pytest.approx(0.7) and whole.is_spatially_varying()
 
 
-def test_scalar_agrees_with_vectorised():
-    p, cases = points(40, 3, seed=5), [(plugin, solid) for plugin in COLORS for solid in (False, True)]
-    mi.set_variant("llvm_ad_rgb")
-    expected = [np.array(texture(plugin, solid=solid).eval_1(at(p[:2], p))) for plugin, solid in cases]
-    mi.set_variant("scalar_rgb")
-    si = surface()
-    for (plugin, solid), values in zip(cases, expected):
-        pattern = texture(plugin, solid=solid)
-        for column, value in zip(p.T, values):
-            si.uv, si.p = mi.Point2f(column[:2]), mi.Point3f(column)
-            assert pattern.eval_1(si) == pytest.approx(value, abs=2e-3)
-
-
 @each
 def test_a_pattern_mixes_two_colours_or_textures(variant, plugin):
     """By every way to ask for it."""

@@ -315,17 +315,6 @@ def test_the_length_is_exact_far_from_the_origin(variant_rgb):
     assert seen(scene) == pytest.approx(np.exp(-SIGMA), rel=1e-4)
 
 
-def test_nested_media(variant_rgb):
-    """A ball of one medium in a slab of another, and one in which nothing absorbs."""
-    for inner, sigma in ((medium(0.2, 0.1, 3.0), np.array([0.2, 0.1, 3.0])), (medium(0.0, 0.0, 0.0), 0)):
-        outside = reference("outside")
-        within = {"type": "sphere", "radius": 0.5, "bsdf": UNSEEN, "interior": inner, "exterior": outside}
-        things = {"it": slab(UNSEEN, interior=outside), "within": within}
-        scene = looking(0.3, outside=medium(*SIGMA, id="outside"), **things)
-        expected = np.exp(-(1 - 0.8) * SIGMA - 0.8 * sigma)
-        assert seen(scene) == pytest.approx(expected, abs=1e-4)
-
-
 @pytest.mark.parametrize("told", [True, False])
 def test_a_sensor_within_a_medium(variant_rgb, told):
     """The sensor's medium counts, and without one what the first surface says of its inside."""

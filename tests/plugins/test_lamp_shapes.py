@@ -10,13 +10,11 @@ from mitsuba_prosim.light.emitter_methods import EmitterMethods
 from scenes import UV, T, bitmap, camera, diffuse, film, ground, load_scene, rgb, shape_of, slow, write_square
 
 PLUGINS = ("area", "prosim_area")
-#: Texture coordinates of a square mesh: in the unit square, or outside it, or of several points each, or missing.
-COORDINATES = {"unit": UV, "tiled": 3 * UV, "folded": np.abs(2 * UV - 1), "none": None}
+#: Texture coordinates of a square mesh: in the unit square, or outside it, or missing.
+COORDINATES = {"unit": UV, "tiled": 3 * UV, "none": None}
 UNSAMPLED = ("sdfgrid", "ellipsoids", "bsplinecurve", "linearcurve")
 DIRECT = {"type": "prosim", "adaptive": "none", "max_level": 0, "hide_emitters": True}
 PATHS = {**DIRECT, "diffuse_bounces": -1}
-#: The same light by Mitsuba's path tracer.
-PATH = {"type": "path", "max_depth": 2, "hide_emitters": True}
 
 
 def above():
@@ -47,20 +45,6 @@ def textured(case, folder, value=3.0):
     texture = bitmap(np.full((4, 4, 3), value))
     radiance = {"type": "mesh_attribute", "name": "vertex_color"} if case == "attribute" else texture
     return shape, radiance
-
-
-@pytest.mark.parametrize("case, plugin", [("tiled", "area"), ("attribute", "prosim_area"), ("none", "area")])
-def test_textured_lamp_keeps_its_light(variant_rgb, tmp_path, logged, case, plugin):
-    shape, radiance = textured(case, tmp_path)
-    scene = lit(shape | {"emitter": {"type": plugin, "radiance": radiance}})
-    with_number = lit(shape | {"emitter": {"type": plugin, "radiance": 3.0}})
-    expected, _ = mean(with_number, DIRECT, count=2)
-    for integrator in (DIRECT, PATHS) if plugin == "area" else (PATHS, PATH):
-        assert mean(scene, integrator, count=2)[0] == pytest.approx(expected, rel=0.05)
-    assert not logged
-    if case == "attribute":
-        mean(scene, DIRECT, spp=1, count=2)
-        assert "'lamp' do not light diffuse surfaces" in logged[0][1]
 
 
 def test_bright_spot_is_sampled_by_the_texture(variant_rgb, tmp_path):

@@ -143,27 +143,6 @@ def test_polarised_light_is_refused():
             mi.load_dict(integrator)
 
 
-@pytest.mark.parametrize(
-    "pixel_format, inner, own",
-    [
-        ("rgba", ("path",), {"aovs": "samples"}),
-        ("rgb", ("path", "direct"), {"aovs": "samples"}),
-        ("luminance", ("path",), {"aovs": "samples"}),
-    ],
-)
-def test_image_around_aov_has_the_channels_of_aov(variant_rgb, pixel_format, inner, own):
-    """In their order: the means over the image are about equal. Then the own AOVs follow."""
-    aov = {"type": "aov", "aovs": "n:sh_normal,d:depth", **{f"{name}_image": {"type": name} for name in inner}}
-    scene = penumbra(size=16)
-    scene["sensor"]["film"]["pixel_format"] = pixel_format
-    expected, found = (
-        renderings(scene | {"integrator": integrator}, 1, spp=64).mean((0, 1, 2))
-        for integrator in (aov, adaptive(aov, **own))
-    )
-    assert len(found) == len(expected) + len(own)
-    assert np.allclose(found[: len(expected)], expected, rtol=0.03, atol=0.02)
-
-
 @pytest.mark.parametrize("variant", ["llvm_ad_rgb", "scalar_rgb"])
 @pytest.mark.parametrize(
     "integrator",

@@ -174,12 +174,14 @@ def test_thin_film_has_no_holes(shape, inner):
         ("+ SPHERE 0 SPHERE 1", 10, "OBS 0 -10 3 VRP 0 0 1 VUP 0 0 1 WINDOW -5 -5 5 5", None),
         ("+ * SPHERE 0 CUBE 2 SPHERE 1", 1e4, "OBS 0 -10 3 VRP 0 0 1 VUP 0 0 1 WINDOW -5 -5 5 5", None),
         ("+ SPHERE 0 SPHERE 1", 1e4, "OBS 0 -10 3 VRP 0 -20 5 VUP 0 0 1 WINDOW -1 -1 1 1", None),
+        ("+ - CUBE 3 SPHERE 0 SPHERE 1", 1e4, "OBS 0 -10 -3 VRP 0 0 -1 VUP 0 0 1 WINDOW -5 -5 5 5", (20, 200)),
     ],
-    ids=["near a planet", "near a ball", "near a part of a planet", "away from a planet"],
+    ids=["near a planet", "near a ball", "near a part of a planet", "away from a planet", "in a large cavity"],
 )
 def test_face_that_cannot_be_fine_enough_is_named(tree, radius, view, error, recwarn):
     ground = f"SCALE ({radius} {radius} {radius}) TRANSLATE (0 0 -{radius})"
-    transforms = [ground, "TRANSLATE (0 0 1)", "SCALE (99 99 20) TRANSLATE (-49 -49 -10)"][: 3 if "2" in tree else 2]
+    transforms = [ground, "TRANSLATE (0 0 1)", "SCALE (99 99 20) TRANSLATE (-49 -49 -10)"]
+    transforms.append("TRANSLATE (-.5 -.5 -.5) SCALE (9e4 9e4 9e4)")
     solids(scene(tree, transforms).replace(VIEW, view), 0.1)
     found = [m for w in recwarn if (m := re.search(r"up to (\S+) pixels off .* SPHERE 0 \(line 3\)", str(w.message)))]
     assert bool(found) == bool(error)

@@ -214,7 +214,11 @@ def _largest_error(solid: Solid, zone: np.ndarray, camera: Camera) -> float:
     errors = np.abs(value) / np.maximum(np.linalg.norm(gradient @ to_local[:3, :3], axis=2), 1e-300)
     errors[np.linalg.norm(points - zone[:3], axis=2) > zone[3]] = 0
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
-    nearest = np.linalg.norm(points - camera.eye, axis=2).min(axis=1) - longest
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    # The eye is at least as far from a triangle as from its plane.
+    heights = np.abs(np.einsum("ti,ti->t", normals, triangles[:, 0] - camera.eye))
+    nearest = np.maximum(np.linalg.norm(points - camera.eye, axis=2).min(axis=1) - longest, heights)
     (pixel,), _ = primitive.pixel(solid.to_world[None], camera)
     (size,), _ = primitive.ball(solid.to_world[None])
     return float((errors.max(axis=1) / np.maximum(camera.footprint(nearest), pixel * size)).max(initial=0))

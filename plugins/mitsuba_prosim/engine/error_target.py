@@ -16,8 +16,10 @@ import numpy as np
 from .image import Image, display_variance
 from .plan import UNLIMITED
 
-#: Duration of a work item with a time limit: this fraction of the limit, within these bounds in seconds.
-SHARE, SHORTEST, LONGEST = 0.01, 0.01, 0.5
+#: Duration of a work item with a time limit: this fraction of the time that is left, within these bounds in seconds.
+SHARE, SHORTEST, LONGEST = 0.25, 0.01, 0.5
+#: The time is up when this fraction of the time limit is left.
+REST = 0.01
 
 #: Maximum ratio of the samples after a pass to the samples before. A greater ratio is unsafe, because few samples
 #: estimate the error badly.
@@ -88,8 +90,8 @@ class ErrorTarget:
 
     @property
     def time_is_up(self) -> bool:
-        """Whether at most the fraction :data:`SHARE` of the time limit, about one work item, is left."""
-        return self.seconds_left <= self.seconds * SHARE
+        """Whether at most the fraction :data:`REST` of the time limit is left."""
+        return self.seconds_left <= self.seconds * REST
 
     def progress(self, done: float) -> float:
         """Returns the progress of the render, 0 to 1: ``done``, or the fraction of the time limit if that is more."""
@@ -98,10 +100,10 @@ class ErrorTarget:
 
     @property
     def item_seconds(self) -> float:
-        """Maximum seconds of a work item: the fraction :data:`SHARE` of the time limit, but at least :data:`SHORTEST`
-        and at most :data:`LONGEST`; infinite without a time limit.
+        """Maximum seconds of the next work item: the fraction :data:`SHARE` of the time that is left, but at least
+        :data:`SHORTEST` and at most :data:`LONGEST`; infinite without a time limit.
         """
-        return min(LONGEST, max(self.seconds * SHARE, SHORTEST)) if self.seconds else np.inf
+        return min(LONGEST, max(self.seconds_left * SHARE, SHORTEST)) if self.seconds else np.inf
 
 
 def next_counts(state: Image, target: ErrorTarget, sample_ratio: float, speed: float) -> np.ndarray:

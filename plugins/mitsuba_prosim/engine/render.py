@@ -151,8 +151,7 @@ class Render(Steps):
             have, taken = int(np.array(image.accumulators.count)[: len(wanted)].sum(dtype=np.int64)), 0
             missing = int(lacking(image, batch).sum())
             # The time limit cannot end a pass that takes the first samples, so it does not make its items small either.
-            seconds = self.target.item_seconds if several else np.inf
-            items = work_items(image, by, batch, self.executor, seconds)
+            items = work_items(image, by, batch, self.executor, lambda: self.target.item_seconds if several else np.inf)
             with closing(self.executor(items)) as results:
                 for item in results if not self._must_end(several) else ():
                     if item is not None:

@@ -167,15 +167,15 @@ def lacking(image: PixelSet, wanted: np.ndarray) -> np.ndarray:
 
 
 def work_items(
-    image: PixelSet, plan: Plan, wanted: np.ndarray, executor: Executor, seconds: float = np.inf
+    image: PixelSet, plan: Plan, wanted: np.ndarray, executor: Executor, seconds: Callable[[], float]
 ) -> Iterator[WorkItem]:
     """Yields work items that together bring each of the first pixels of both images to the number of samples
     ``wanted``, by ``plan``.
 
     Pixels that already have this number are in no work item. ``executor`` limits the size of the work items, so that
-    each one takes at most about ``seconds``. The pixels that need most samples come first, so that the noisiest pixels
-    have improved if the render is stopped early. Among pixels that need equal numbers of samples, neighbours are in the
-    same work item if possible, because their rays are similar.
+    each one takes at most about ``seconds()``. The pixels that need most samples come first, so that the noisiest
+    pixels have improved if the render is stopped early. Among pixels that need equal numbers of samples, neighbours are
+    in the same work item if possible, because their rays are similar.
     """
     lack = lacking(image, wanted)
     order = np.flatnonzero(lack)
@@ -185,7 +185,7 @@ def work_items(
     ends = np.cumsum(lack[order])
     begin, before, numbers = 0, 0, len(image.estimator.channels.names) + 3
     while begin < len(order):
-        most = before + min(executor.limit(int(ends[-1]) - before, seconds), MOST_NUMBERS // numbers)
+        most = before + min(executor.limit(int(ends[-1]) - before, seconds()), MOST_NUMBERS // numbers)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])

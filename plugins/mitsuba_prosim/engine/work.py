@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: Maximum number of sums of the pixels of a work item, and of numbers of its samples, which limits memory: wide filters
 #: have many sums per pixel, layers have many channels per sample.
-MOST_SUMS, MOST_NUMBERS = 1 << 23, 1 << 27
+MOST_SUMS, MOST_NUMBERS = 1 << 23, 1 << 28
 
 
 class Step(NamedTuple):

@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 
     from .image import Image
 
-#: Maximum number of sums of the pixels of a work item, and of numbers of its samples, which limits memory: wide filters
-#: have many sums per pixel, layers have many channels per sample.
-MOST_SUMS, MOST_NUMBERS = 1 << 23, 1 << 28
+#: Maximum number of sums of the pixels of a work item, which limits memory: wide filters have many sums per pixel.
+MOST_SUMS = 1 << 23
+#: Maximum number of values of all samples of a work item, in multiples of the parameter ``band``, for the same reason.
+MOST_VALUES = 1 << 10
 
 
 class Step(NamedTuple):
@@ -183,9 +184,12 @@ def work_items(
     # The key of the sort: first the number of missing samples, in falling order; then the place along the Z curve.
     order = order[np.argsort(z_curve(x[order], y[order]) - (lack[order] << 32))]
     ends = np.cumsum(lack[order])
-    begin, before, numbers = 0, 0, len(image.estimator.channels.names) + 3
+    values = len(image.estimator.channels.names) + 3  # of a sample: those of the channels, the luminance, the position
+    begin, before = 0, 0
     while begin < len(order):
-        most = before + min(executor.limit(int(ends[-1]) - before, seconds()), MOST_NUMBERS // numbers)
+        most = before + min(
+            executor.limit(int(ends[-1]) - before, seconds()), plan.sampling.band * MOST_VALUES // values
+        )
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])

@@ -184,12 +184,11 @@ def work_items(
     # The key of the sort: first the number of missing samples, in falling order; then the place along the Z curve.
     order = order[np.argsort(z_curve(x[order], y[order]) - (lack[order] << 32))]
     ends = np.cumsum(lack[order])
-    values = len(image.estimator.channels.names) + 3  # of a sample: those of the channels, the luminance, the position
-    begin, before = 0, 0
+    # A sample has the values of the channels, its luminance and its position.
+    bound = plan.sampling.band * MOST_VALUES // (len(image.estimator.channels.names) + 3)
+    begin = before = 0
     while begin < len(order):
-        most = before + min(
-            executor.limit(int(ends[-1]) - before, seconds()), plan.sampling.band * MOST_VALUES // values
-        )
+        most = before + min(executor.limit(int(ends[-1]) - before, seconds()), bound)
         end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
         end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])

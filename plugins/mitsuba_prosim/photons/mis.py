@@ -49,7 +49,7 @@ class Hit(Surface):
     density: mi.Float
 
     def landed(self, weight: mi.Float, density: mi.Float) -> Landed:
-        """Returns the photons as :class:`.Landed`, which they are with the probability 1 / ``weight``."""
+        """Returns the photons that land. ``weight``, one over the probability of landing, is a factor of their flux."""
         return Landed(self.si.p, self.d, self.flux * (self.shading_ratio * weight), mi.Bool(True), density, self.level)
 
 

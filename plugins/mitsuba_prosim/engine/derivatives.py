@@ -13,7 +13,7 @@ from .camera import without_crop_window
 from .estimator import lanes
 from .film import film_values, put
 from .image import Image
-from .plan import pixels, pixels_around
+from .plan import indexer, pixels
 
 #: Number of samples per kernel. A large number is fast, because Dr.Jit traces the code again for each kernel. The
 #: number is limited by memory: a sample stores some 100 numbers per node.
@@ -45,14 +45,16 @@ class Derivatives:
         the index of the pixel that receives the contribution, counted row by row within the crop window. ``weight`` and
         ``index`` are 0 if the receiving pixel is outside the crop window.
         """
-        window, region = self.plan.window, pixels(self.plan.region)
+        region, index_of = pixels(self.plan.region), indexer(self.plan.window, self.plan.window)
+        offsets = range(-self.estimator.reach, self.estimator.reach + 1)
         with without_crop_window(self.sensor):
             for pixel, t, count in self.lanes():
                 x, y = dr.gather(tuple, region, pixel)
                 values, _, position = self.estimator.sample(self.plan, x, y, t)
                 weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
-                targets = zip(weights, pixels_around(x, y, self.estimator.reach, window, window))
-                yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in targets]
+                targets = [index_of(x + column, y + row) for row in offsets for column in offsets]
+                splats = zip(weights, targets)
+                yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in splats]
 
     def lanes(self) -> Iterator[tuple[mi.UInt32, mi.UInt32, mi.UInt32]]:
         """Yields all samples of the image, up to :data:`LANES` at a time, as three arrays ``(pixel, t, count)``.

@@ -10,7 +10,7 @@ import mitsuba as mi
 from ..alone import alone
 from ..compat import denormals_rounded, double, dr_array
 from .pixel_set import PixelSet
-from .plan import pixels, pixels_around
+from .plan import indexer, pixels
 
 
 def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
@@ -33,18 +33,24 @@ def film_values(image: PixelSet) -> mi.TensorXf:
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window
     x, y = pixels(plan.window)
-    Double = double()
-    totals, first = [Double(0) for _ in channels.names], dr.opaque(mi.UInt32, image.own.start)
-    sources = list(pixels_around(x, y, image.estimator.reach, plan.region, image.outer))
-    # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
-    # source is the lower right one. So the sources come row after row if the sums are taken from the last to the first.
-    for place, (index, active) in zip(reversed(range(len(sources))), sources):
+    Double, reach = double(), image.estimator.reach
+    side, first = 2 * reach + 1, dr.opaque(mi.UInt32, image.own.start)
+    index_of = indexer(plan.region, image.outer)
+
+    def add(totals: list[mi.Float64], k: mi.UInt32) -> tuple[list[mi.Float64], mi.UInt32]:
+        """Adds the contribution of source number ``k``, row by row, among the pixels within the filter's reach."""
+        index, active = index_of(x + mi.Int32(k % side) - reach, y + mi.Int32(k // side) - reach)
         row = index + first
         count = dr.gather(mi.UInt32, sums.count, row, active)
         weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
-        values = sums.film_sums(row, place, len(channels.names), active)
-        totals = [total + weight * value for total, value in zip(totals, values)]
-    weight, (index, _) = totals[channels.names.index("W")], sources[len(sources) // 2]
+        # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
+        # source is the lower right one.
+        values = sums.film_sums(row, side**2 - 1 - k, len(channels.names), active)
+        return [total + weight * value for total, value in zip(totals, values)], k + 1
+
+    start = [dr.zeros(Double, len(x)) for _ in channels.names], dr.zeros(mi.UInt32, len(x))
+    totals, _ = dr.while_loop(start, lambda _, k: k < side**2, add, labels=("totals", "k"), max_iterations=-1)
+    weight, index = totals[channels.names.index("W")], index_of(x, y)[0]
     for name in channels.own_aovs:
         statistic = dr_array(image.count if name == "samples" else image.error())
         totals.append(weight * mi.Float(dr.gather(type(statistic), statistic, index)))

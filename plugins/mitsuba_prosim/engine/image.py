@@ -17,7 +17,7 @@ from .accumulators import Accumulators
 from .estimator import Estimator
 from .film import film_values, put
 from .pixel_set import PixelSet
-from .plan import UNLIMITED, Plan, Rectangle, area, pixels, pixels_around, widened
+from .plan import UNLIMITED, Plan, Rectangle, area, indexer, pixels, widened
 from .standard_error import displayed, in_display_units, variance
 from .tiles import Part, part_numbers
 
@@ -278,7 +278,7 @@ class SecondImage(PixelSet):
         pixel = dr.gather(mi.UInt32, dr_array(self.index.astype(np.uint32)), number)
         x = dr.gather(mi.Int32, image.x, pixel) + mi.Int32(place % side) - reach
         y = dr.gather(mi.Int32, image.y, pixel) + mi.Int32(place // side) - reach
-        index, seen = next(pixels_around(x, y, 0, plan.window, plan.window))
+        index, seen = indexer(plan.window, plan.window)(x, y)
         means = []
         for one in (pixel, number + dr.opaque(mi.UInt32, self.own.start)):
             values = sums.film_sums(one, place, len(channels.names))[:stored]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
@@ -209,24 +209,22 @@ def pixels(rectangle: Rectangle) -> tuple[mi.Int32, mi.Int32]:
     return dr_array(x), dr_array(y)
 
 
-def pixels_around(
-    x: mi.Int32, y: mi.Int32, reach: int, inside: Rectangle, stored: Rectangle
-) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
-    """Yields ``(index, active)`` for each neighbour within ``reach`` rows and columns of the pixels (x, y), row by row.
+def indexer(inside: Rectangle, stored: Rectangle) -> Callable[[mi.Int32, mi.Int32], tuple[mi.UInt32, mi.Bool]]:
+    """Returns a function that converts coordinates (x, y) of pixels to ``(index, active)``.
 
-    Each of the pixels (x, y) counts as one of its own neighbours. ``active`` tells whether the neighbour is in the
-    rectangle ``inside``. For a neighbour in ``inside``, ``index`` is the index of the neighbour among the
-    :func:`pixels` of the rectangle ``stored``, which must contain ``inside``; for other neighbours, ``index`` has no
-    meaning.
+    ``active`` tells whether the pixel is in the rectangle ``inside``. For a pixel in ``inside``, ``index`` is its index
+    among the :func:`pixels` of the rectangle ``stored``, which must contain ``inside``; for other pixels, ``index`` has
+    no meaning.
     """
     width = stored[2] - stored[0]
     first = stored[1] * width + stored[0]
     # The numbers are opaque, so that one kernel serves all rectangles.
     left, top, right, bottom, width, first = (dr.opaque(mi.Int32, v) for v in (*inside, width, first))
-    for ny in (y + step for step in range(-reach, reach + 1)):
-        for nx in (x + step for step in range(-reach, reach + 1)):
-            active = (nx >= left) & (nx < right) & (ny >= top) & (ny < bottom)
-            yield mi.UInt32(ny * width + nx - first), active
+
+    def index(x: mi.Int32, y: mi.Int32) -> tuple[mi.UInt32, mi.Bool]:
+        return mi.UInt32(y * width + x - first), (x >= left) & (x < right) & (y >= top) & (y < bottom)
+
+    return index
 
 
 def area(rectangle: Rectangle) -> int:

@@ -34,8 +34,8 @@ class Accumulators:
     """
 
     #: Sums of the film's values, weighted by the filter, for every pixel within the filter's reach, row by row, channel
-    #: by channel: a list of arrays. In an image, one array with the sums of a pixel side by side, because a processor
-    #: reads and writes adjacent numbers together.
+    #: by channel: one array with the sums of a pixel side by side, because a processor reads and writes adjacent
+    #: numbers together. New sums, which an image does not store yet, are a list of arrays.
     sums: Any
     #: Sum of the luminance; sum of its square; sum of the squared mean luminance of each complete pass.
     total: mi.Float64
@@ -82,8 +82,10 @@ class Accumulators:
 
     def of(self, pixel: mi.UInt32) -> Accumulators:
         """Returns the accumulators of some pixels of an image."""
-        sums = self.film_sums(pixel, 0, len(self.sums) // len(self.count))
-        return Accumulators(sums, *dr.gather(tuple, self.others, pixel))
+        number = len(self.sums) // len(self.count)
+        lane = dr.arange(mi.UInt32, number * len(pixel))
+        index = dr.gather(mi.UInt32, pixel, lane // number) * number + lane % number
+        return Accumulators(dr.gather(double(), self.sums, index), *dr.gather(tuple, self.others, pixel))
 
     def store(self, pixel: mi.UInt32, values: Accumulators) -> None:
         """Replaces the accumulators of some pixels of an image by ``values``."""

@@ -140,7 +140,8 @@ class Estimator:
             )
             return (sums,)
 
-        return dr.while_loop((start,), lambda sums: sums.count < end, step, labels=("sums",), max_iterations=-1)[0]
+        sums = replace(start, sums=start.film_sums(dr.arange(mi.UInt32, len(end)), 0, self.sums_per_pixel))
+        return dr.while_loop((sums,), lambda sums: sums.count < end, step, labels=("sums",), max_iterations=-1)[0]
 
 
 def lanes(begin: mi.UInt32, end: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:

@@ -69,6 +69,11 @@ def write_scene(tmp_path):
     return write
 
 
+@pytest.fixture(name="denoiser")
+def needs_oidn():
+    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed: pip install 'mitsuba-prosim[denoise]'")
+
+
 @pytest.fixture
 def logged(monkeypatch):
     """What is logged during the test by Python: pairs ``(level, text)``."""

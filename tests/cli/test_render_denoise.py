@@ -12,12 +12,7 @@ PATH = '<integrator type="path"/>'
 DENOISED = f'<integrator type="prosim_denoised">{PATH}</integrator>'
 
 
-def needs_oidn():
-    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed: pip install 'mitsuba-prosim[denoise]'")
-
-
-def test_the_raw_image_is_never_lost(scene):
-    needs_oidn()
+def test_the_raw_image_is_never_lost(denoiser, scene):
     exr, png = scene.with_suffix(".exr"), scene.with_suffix(".png")
     scene.write_text(OURS.replace('<film type="hdrfilm">', '<film type="hdrfilm"><rfilter type="box"/>'))
     printed = done("render", scene, "--denoise", "--seed", 3).stdout
@@ -41,19 +36,17 @@ def test_the_raw_image_is_never_lost(scene):
     assert b"prosim.denoised" not in png.read_bytes()
 
 
-def test_denoise_option_refuses_missing_package_and_polarised_light(scene, monkeypatch):
+def test_denoise_option_refuses_missing_package_and_polarised_light(denoiser, scene, monkeypatch):
     """Nothing is begun."""
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "mitsuba_oidn", None)
         refused("pip install 'mitsuba-prosim[denoise]'", "render", scene, "--denoise", code=1)
-    needs_oidn()
     scene.write_text(scene_text())
     refused("denoising: light is unpolarised here", "render", scene, "--denoise", "-m", "llvm_ad_mono_polarized")
 
 
-def test_prosim_denoised_and_denoise_option_make_one_image(scene):
+def test_prosim_denoised_and_denoise_option_make_one_image(denoiser, scene):
     """Also with a target, and with both; the verdict tells the error."""
-    needs_oidn()
     images = list[np.ndarray]()
     for text, option in ((PATH, "--denoise"), (DENOISED, "--denoise"), (DENOISED, "--seed=0")):
         scene.write_text(scene_text(text, LIT_FLOOR))
@@ -64,16 +57,14 @@ def test_prosim_denoised_and_denoise_option_make_one_image(scene):
     refused("--snapshots: the image is denoised", "render", scene, "--snapshots", 0.1)
 
 
-def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(scene):
-    needs_oidn()
+def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(denoiser, scene):
     scene.write_text(OURS)
     done("render", scene, "--denoise", "--checkpoint", "--noise", 0.5, "--resolution", "128x64")
     printed = done("resume", scene.with_suffix(".state.npz"), "--time", 60).stdout
     assert "not denoised: the image reached 0.5 without denoising" in printed
 
 
-def test_time_that_is_left_for_the_denoiser_ends_a_render(scene):
-    needs_oidn()
+def test_time_that_is_left_for_the_denoiser_ends_a_render(denoiser, scene):
     scene.write_text(OURS)
     done("render", scene, "--denoise", "--time", 0.5)
     assert metadata(scene)["ended"] == "time"

@@ -82,7 +82,6 @@ def test_rounding_sampler_is_refused(scene, sampler, spp, taken):
     done("render", scene, "--spp", taken)
 
 
-def test_odd_number_is_not_denoised(scene):
-    pytest.importorskip("mitsuba_oidn")
+def test_odd_number_is_not_denoised(denoiser, scene):
     scene.write_text(scene_text(INTEGRATORS[1]))
     refused("a denoised image has two halves; take 14", "render", scene, "--spp", 13, "--denoise")

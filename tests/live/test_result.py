@@ -93,8 +93,7 @@ def test_dictionary_that_would_end_mitsuba_is_refused(variant_rgb):
         mitsuba_prosim.render({**scene(), "wall": wall}, progress=False)
 
 
-def test_denoised_image_has_a_verdict(variant_rgb):
-    pytest.importorskip("mitsuba_oidn")
+def test_denoised_image_has_a_verdict(variant_rgb, denoiser):
     result = mitsuba_prosim.render(scene({"type": "prosim"}), spp=16, denoise=True, progress=False)
     assert f"denoised: error about {result.noise:.2g}" in result.verdict and result.noise < result.noise_at_most
     assert result.image.shape == (48, 48, 3) and np.all(result.samples == 16)

@@ -158,10 +158,9 @@ def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, mon
         assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
 
 
-def test_viewer_denoises_the_final_image(variant_rgb, path, tmp_path, monkeypatch, all_portions_seen):
+def test_viewer_denoises_the_final_image(variant_rgb, denoiser, path, tmp_path, monkeypatch, all_portions_seen):
     """As ``prosim render --denoise`` does it, to the bit; and on the way there is a whole image, of more and more."""
     all_portions_seen(1500)
-    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed")
     with running(path, denoise=True) as viewer:
         is_(viewer, "done")
         whole = [layers["samples"] for layers in seen(viewer).values() if set(layers) == {"final", "error", "samples"}]

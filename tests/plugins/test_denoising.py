@@ -22,11 +22,6 @@ from test_record import Elsewhere
 SIZES = [(1, 1), (3, 17), (64, 48)]
 
 
-@pytest.fixture(name="denoiser")
-def needs_oidn():
-    pytest.importorskip("mitsuba_oidn", reason="mitsuba-oidn is not installed: pip install 'mitsuba-prosim[denoise]'")
-
-
 def noisy(truth, deviation, rng):
     return (truth + rng.normal(0, deviation, truth.shape)).astype(np.float32)
 
@@ -440,9 +435,8 @@ def test_a_render_that_ends_before_its_limit(variant_rgb, denoiser):
     [(0.015, False, 0.15), (0.05, True, 0.145), (0.06, None, None)],
     ids=["best", "fast", "none"],
 )
-def test_time_limit_reserves_the_time_of_the_denoiser(variant_rgb, monkeypatch, call, fast, reserved):
+def test_time_limit_reserves_the_time_of_the_denoiser(variant_rgb, denoiser, monkeypatch, call, fast, reserved):
     """At most 4 % of the limit; the render ends so many seconds earlier, whatever the clock's speed."""
-    pytest.importorskip("mitsuba_oidn")
     scene = mi.load_dict(penumbra(size=16, type="prosim", diffuse_bounces=-1, samples=2, time=4.0))
     monkeypatch.setattr(halves, "seconds_per_pixel", lambda: call / 16**2)
     final = final_image.denoised_progressive(scene, 0, scene.integrator())
@@ -479,9 +473,8 @@ def test_fast_networks_get_denoised_textures_alone(denoiser, fast, contrast):
     assert (features.features["normal"] is not normal) == (not fast)
 
 
-def test_time_limit_takes_samples_where_a_ray_tree_has_enough(variant_rgb, monkeypatch):
+def test_time_limit_takes_samples_where_a_ray_tree_has_enough(variant_rgb, denoiser, monkeypatch):
     """A path has more noise than a ray tree after the same time."""
-    pytest.importorskip("mitsuba_oidn")
     monkeypatch.setattr(halves, "seconds_per_pixel", lambda: 0.02 / 16**2)
     monkeypatch.setattr(halves, "SHARE", 0.7)
     for bounces, limit, denoised in ((0, 4.0, False), (-1, 4.0, True), (0, 0.4, True)):
@@ -544,9 +537,8 @@ def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, mak
 
 
 @pytest.mark.parametrize("bright", [1e10, 1e14, 1e16])
-def test_very_bright_lamp_leaves_the_image_finite(bright):
+def test_very_bright_lamp_leaves_the_image_finite(denoiser, bright):
     """A pixel beside others of usual brightness, which keep about their brightness of 0.5."""
-    pytest.importorskip("mitsuba_oidn")
     rng = np.random.default_rng(3)
     first, second = (0.5 + 0.05 * rng.standard_normal((32, 32, 3)).astype(np.float32) for _ in range(2))
     for image in first, second:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import scipy
 from drawing.curves import direction, interaction
-from image_statistics import renderings, same_expectation
+from image_statistics import renderings
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
-from scenes import T, area, camera, film, load_scene, rectangle
+from scenes import T, camera, film, load_scene
 from test_waves import LUMINANCE, begun
 
 #: Index at the line d, and Abbe number, as the catalogues state them: Schott's; refractiveindex.info for the others.
@@ -209,19 +209,6 @@ def test_samples_together_see_the_whole_spectrum(variant_spectral):
     """
     image = wide_slab()
     assert image.std(axis=(0, 1)).max() < 0.2 and image.min() > 0.5
-
-
-@pytest.mark.slow
-def test_a_prism_has_the_expectation_of_path(variant_spectral):
-    """A lamp through a prism, by ``path`` and by a tree."""
-    scene = furnace(int_material="sf10")
-    scene["slab"]["to_world"] = T().rotate([0, 1, 0], 45).scale([0.5, 1, 0.5])
-    scene["sensor"] |= {"fov": 40, "to_world": T().look_at([0.5, 0, 5], [0, 0, 0], [0, 1, 0])}
-    scene["sensor"]["film"] |= {"width": 16, "height": 16}
-    scene["sky"]["radiance"] = 0.2
-    scene["lamp"] = rectangle(T().translate([-2, 0, -2]).rotate([0, 1, 0], 45).scale([0.3, 2, 1]), **area(4.0))
-    reference = renderings(scene, 12, spp=144, type="path", max_depth=10, rr_depth=100)
-    assert same_expectation(reference, renderings(scene, 12, spp=144, type="prosim", adaptive="none", max_level=8))
 
 
 # ------------------------------------------------------------------ wavelengths of samples

@@ -5,7 +5,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import scipy
-from mitsuba_prosim.optics import grooves
 from scenes import slow
 
 RAYS = 300_000
@@ -108,17 +107,6 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         assert scipy.stats.chi2.sf(score, 30) > 0.001, (angle, values.mean(1), expected)
 
 
-@pytest.mark.parametrize("lobe", [("alpha", 1.5), *slow(("exponent", 0.0), ("gaussian", 0.8))], ids=str)
-def test_groove_loses_no_light(variant_rgb, lobe):
-    bsdf = material("conductor", *lobe, eta=0.0, k=1.0)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 1 << 18)
-    for angle in (0, 30, 60, 80, 88):
-        si = interaction([np.sin(np.radians(angle)), 0, np.cos(np.radians(angle))])
-        _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
-        assert dr.mean(weight[0])[0] == pytest.approx(1, abs=2e-3)
-
-
 @pytest.mark.parametrize("kind", ["conductor", *slow("composite", "dielectric")])
 def test_derivative_in_a_call_of_several_bsdfs_is_a_finite_difference(variant_rgb, kind):
     """Dr.Jit 1.5 ended the process."""
@@ -141,9 +129,3 @@ def test_derivative_in_a_call_of_several_bsdfs_is_a_finite_difference(variant_rg
     dr.backward(total(alpha))
     difference = (total(mi.Float(0.51)) - total(mi.Float(0.49)))[0] / 0.02
     assert dr.grad(alpha)[0] == pytest.approx(difference, rel=5e-3, abs=1e-3)
-
-
-def test_power_multiplies_reflectances(variant_rgb):
-    exponent, base = np.arange(128), np.array([[0.9], [0.99], [1]])
-    result = np.array(grooves.power(mi.Color3f(*base.ravel().tolist()), mi.Float(exponent)))
-    np.testing.assert_allclose(result, base**exponent, rtol=1e-4)

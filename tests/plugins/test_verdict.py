@@ -5,11 +5,10 @@ import time
 import mitsuba as mi
 import mitsuba_prosim
 import pytest
-from mitsuba_prosim.engine.tiny_lamps import has_glass
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
 from mitsuba_prosim.explaining.verdict import verdict
-from scenes import T, area, camera, diffuse, film, penumbra, rgb
+from scenes import T, area, camera, diffuse, film, rgb
 
 PATH = {"type": "path", "max_depth": 6}
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": 6}
@@ -140,17 +139,3 @@ def test_good_image_has_no_cause(variant_rgb):
     made = scene(PATH, **panel())
     good = mitsuba_prosim.render(mi.load_dict(made), noise=0.02, progress=False)
     assert good.verdict.startswith("error ") and "pixel" not in good.verdict
-
-
-@pytest.mark.parametrize(
-    "bsdf, found",
-    [
-        (FROSTED, (False, True)),
-        ({"type": "bumpmap", "map": {"type": "checkerboard"}, "nested": FROSTED}, (False, True)),
-        ({"type": "mask", "opacity": 0.5, "nested": FROSTED}, (False, True)),
-        (GLASS, (True, False)),
-        ({"type": "diffuse"}, (False, False)),
-    ],
-)
-def test_glass_is_found_in_other_bsdfs(variant_rgb, bsdf, found):
-    assert has_glass(mi.load_dict(penumbra(bsdf, 4))) == found

@@ -22,6 +22,7 @@ from mitsuba_prosim.explaining.verdict import verdict
 from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
+CHECKED = {"type": "checkerboard"}
 
 
 def render(*arguments, seed=0, **settings):
@@ -168,20 +169,6 @@ def thin_lens(ball=None, **settings):
     scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.1}
     scene["sensor"]["film"] |= CROP
     return mi.load_dict(scene)
-
-
-def test_two_threads_with_one_sensor_do_not_corrupt_each_other(variant_rgb):
-    scene = thin_lens(adaptive="graded")
-    expected = [np.array(mi.render(scene, seed=seed)) for seed in (1, 2)]
-
-    def image(seed):
-        render = scene.integrator().progressive(scene, seed=seed)
-        for _ in render:
-            time.sleep(0.001)
-        return np.array(render.image())
-
-    with ThreadPoolExecutor(2) as pool:
-        assert np.array_equal(list(pool.map(image, (1, 2))), expected)
 
 
 def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
@@ -331,6 +318,12 @@ def test_the_second_image_shows_where_samples_are_needed(variant_rgb):
         ({"type": "roughdielectric", "alpha": 0.05}, {"type": "constant"}, False),
         ({"type": "roughdielectric", "alpha": 0.5}, {"type": "directional"}, False),
         ({"type": "dielectric"}, {"type": "directional"}, False),
+        ({"type": "mask", "b": {"type": "roughdielectric", "alpha": 0.05}}, {"type": "directional"}, True),
+        (
+            {"type": "bumpmap", "t": CHECKED, "b": {"type": "roughdielectric", "alpha": 0.05}},
+            {"type": "directional"},
+            True,
+        ),
         ({"type": "hair"}, {"type": "directional"}, False),
         (COPPER, {"type": "directional"}, False),
         (COPPER, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), False),

@@ -12,7 +12,7 @@ from mitsuba_prosim.engine.error_target import limit_by_photons
 from mitsuba_prosim.light.strategy import Receiver
 from mitsuba_prosim.photons import grid
 from mitsuba_prosim.photons.caustics import Caustics, diffuse_radiance
-from mitsuba_prosim.photons.emission import Sources, Targets, is_specular, merged, start_points
+from mitsuba_prosim.photons.emission import MARGIN, Sources, Targets, bounding_sphere, is_specular, merged, start_points
 from mitsuba_prosim.photons.grid import RADII, Footprint, Landed, Photons
 from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
 from mitsuba_prosim.transport import lobes
@@ -269,6 +269,8 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     assert np.all(met.reshape(-1, 2 * n).sum(axis=1) > n / 8)
     assert np.mean(np.abs(found[met] / expected[met] - 1) < 5e-3) > 0.99  # some lines graze what they are aimed at
     assert not found[~met].any()
+    cube = mi.load_dict({"type": "cube", "to_world": T().scale(2)})
+    assert bounding_sphere(cube)[3] == pytest.approx(MARGIN * 12**0.5)
 
 
 #: With lobes of one direction.

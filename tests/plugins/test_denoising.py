@@ -111,7 +111,7 @@ def test_one_bright_sample_brightens_the_image_little():
 
 def test_errors_are_those_that_the_images_have():
     """Of the raw image, of a denoiser that blurs and makes brighter and loses what is very bright, of the mixture."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(5)
     truth = picture(rng)
     true, said, displayed = np.zeros(3), np.zeros(3), np.zeros(2)
     for _ in range(10):
@@ -122,7 +122,7 @@ def test_errors_are_those_that_the_images_have():
         said += [rms(error) ** 2 for error in (found.final_error, found.raw_error, found.denoised_error)]
         displayed += found.noise**2, rms(display_value(found.final) - display_value(truth)) ** 2
     np.testing.assert_allclose(np.sqrt(said / true), 1, atol=0.25)
-    assert np.sqrt(said / true)[1] == pytest.approx(1, abs=0.02)
+    assert np.sqrt(said / true)[1:] == pytest.approx(1, abs=0.02)
     assert np.sqrt(displayed[0] / displayed[1]) == pytest.approx(1, abs=0.15)
 
 

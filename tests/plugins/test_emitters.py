@@ -88,27 +88,6 @@ def around(angle):
     return CENTRE + 2 * (np.cos(np.deg2rad(angle)) * axis + np.sin(np.deg2rad(angle)) * side)
 
 
-@pytest.mark.parametrize("angle", (0, 24, 26, 59, 61, 91))
-def test_cone_and_spot(variant, angle):
-    """A cone is black outside and constant within; a spot is cos^n up to its cut-off."""
-    cone, spot = float(angle < 25), np.cos(np.deg2rad(angle)) ** 6 if angle < 60 else 0
-    sources = [
-        (make(beam), scale, factor)
-        for beam, factor in ((CONE, cone), (SPOT, spot))
-        for make, scale in ((lambda beam: point(**beam), 0.25), (lambda beam: sphere(surface(**beam), 1e-3), 1))
-    ]
-    # Without a cut-off a spot ends at 90 degrees.
-    sources.append((point(**SPOT | {"angle": 90.0, "exponent": 0.0}), 0.25, float(angle <= 90)))
-    for source, scale, factor in sources:
-        _scene, emitter = emitter_of(source)
-        it = receiver(around(angle))
-        ds, weight = emitter.sample_direction(it, mi.Point2f(0.25, 0.75))
-        radiance = emitter.eval_direction(it, ds)
-        if variant.endswith("rgb"):
-            assert np.allclose(first(radiance), np.array([20, 15, 10]) * scale * factor, rtol=5e-3, atol=1e-5)
-        assert np.allclose(np.array(weight) * np.array(ds.pdf), np.array(radiance), rtol=1e-4)
-
-
 @pytest.mark.parametrize("direction", ([1e-7, 0, -1], [1, 2, 3]), ids=str)
 @pytest.mark.parametrize(
     "parameters",

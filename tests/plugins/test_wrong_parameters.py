@@ -78,7 +78,7 @@ WRONG = [
     ("prosim_point", {"id": "lamp", "distribution": "cone"}, '"lamp" (prosim_point): parameter "angle" is missing; '),
     ("prosim", {"adaptive": 4}, 'parameter "adaptive" is 4; allowed: one of '),
     ("prosim", {"adaptive": "always"}, 'parameter "adaptive" is |always|; allowed: one of ' + ", ".join(POLICIES)),
-    ("prosim", {"samples": 0}, 'parameter "samples" is 0; allowed: a whole number >= 1'),
+    *(("prosim", {name: 0}, f'parameter "{name}" is 0; allowed: a whole number >= 1') for name in ("samples", "band")),
     ("prosim", {"max_level": -1}, 'parameter "max_level" is -1; allowed: 0 to 24'),
     ("prosim", {"channels": "rgx"}, 'parameter "channels"'),
     ("prosim", {"aovs": "sample"}, 'parameter "aovs" is |sample|; allowed: samples, error'),

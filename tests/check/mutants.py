@@ -55,11 +55,8 @@ BSDFS = {
         "diffuse",
         pdf(lambda v, wo, ctx: v * 1.1) | {"sample": lambda bs, w, si, ctx: (scaled(bs, 1.1), w / 1.1)},
     ),
-    "pdf_of_one_sample": (ROUGH, sample(lambda bs: scaled(bs, 1.2))),
     "weight_too_large": (METAL, weight(lambda bs, si, ctx: 1.05)),
-    "albedo_above_one": ("diffuse", eval_(lambda v, si, wo: v * 2.2) | weight(lambda bs, si, ctx: 2.2)),
     "mirror_above_one": ("conductor", weight(lambda bs, si, ctx: 1.2)),
-    "light_below_horizon": ("diffuse", eval_(lambda v, si, wo: v + dr.select(wo.z < 0, 0.05, 0))),
     "not_reciprocal": ("diffuse", eval_(lambda v, si, wo: v * tilt(si)) | weight(lambda bs, si, ctx: tilt(si))),
     "eta_inverted": ("dielectric", sample(lambda bs: scaled(bs, eta=dr.rcp(bs.eta)))),
     "radiance_not_scaled": (
@@ -72,7 +69,6 @@ BSDFS = {
     "flags_of_a_mirror": ("diffuse", {"flags": REFLECTS | 0x20}),
     "nan_at_grazing": ("diffuse", eval_(lambda v, si, wo: v / dr.select(wo.z < 0.01, 0.0, 1.0))),
     "negative": ("diffuse", eval_(lambda v, si, wo: v - 0.01)),
-    "turned_half": ("twosided", sample(lambda bs: scaled(bs, wo=mi.Vector3f(bs.wo.x, bs.wo.y, dr.abs(bs.wo.z))))),
     "spectral_too_bright": ("diffuse", eval_(lambda v, si, wo: v * (1.2 if spectral() else 1))),
     "front_side_only": ("dielectric", {"flags": REFLECTS | 0x60}),
     "wrong_component": (ROUGH, sample(lambda bs: scaled(bs, sampled_component=mi.UInt32(0)))),
@@ -116,13 +112,11 @@ TEXTURES = {
 }
 
 PHASES = {
-    "not_normalised": ({"type": "hg", "g": 0.5}, {"eval_pdf": lambda v, p: (v * 1.1, p)}),
     "pdf": (
         {"type": "hg", "g": 0.5},
         {"eval_pdf": lambda v, p: (v, p * 1.1), "sample": lambda wo, w, p: (wo, w / 1.1, p * 1.1)},
     ),
     "backwards": ({"type": "hg", "g": 0.5}, {"sample": lambda wo, w, p: (-wo, w, p)}),
-    "weight": ("rayleigh", {"sample": lambda wo, w, p: (wo, w * 1.1, p)}),
 }
 
 

@@ -73,26 +73,6 @@ def wrong_owners(text, seed=0):
     return exact_csg.wrong_owners(read, triangles, np.concatenate(owner), np.random.default_rng(seed))
 
 
-#: A union in which only the last two solids have faces in one plane.
-UNION = """VIEW WINDOW -5 -5 5 5 OBS 0 0 100 RESOLUTION 120 120 LIGHTS AREA position 9 9 99
-SOLID s + + + SPHERE 0 CONE 1 CONE 2 CYLINDER 3 {}
-SURFACE 0 kd = .1 SURFACE 1 kd = .2 SURFACE 2 kd = .3 SURFACE 3 kd = .4 SURFACE 4 kd = .5
-TRANSFORM 0 SCALE (2 2 2) TRANSLATE (-1 -1 -2) ROTATE-Y (90)
-TRANSFORM 1 SCALE (2 2 -2) TRANSLATE (-1 0 0)
-TRANSFORM 2 SCALE (2 2 3) TRANSLATE (0 0 -2) ROTATE-Y (90)
-TRANSFORM 3 SCALE (2 2 3) TRANSLATE (0 1 -2) ROTATE-Y (90)
-TRANSFORM 4 TRANSLATE (40 0 0)
-TRANSFORM 9 ROTATE-X ({}) ROTATE-Z ({})
-END
-"""
-
-
-@pytest.mark.parametrize("tree", ["CSG-TREE s 9", "CSG-TREE + CUBE 4 s 9", "CSG-TREE - s 9 CUBE 4"])
-def test_turned_union_keeps_its_owners(tree):
-    for seed, (x, z) in enumerate(np.random.default_rng(3).uniform(0, 90, (5, 2))):
-        assert wrong_owners(UNION.format(tree, x, z), seed) <= EDGE, (x, z)
-
-
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
 @pytest.mark.parametrize("seeds", [range(1), *slow(range(1, 16))], ids=["few", "many"])
 def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):

@@ -11,7 +11,6 @@ from mitsuba_prosim import check
 from mitsuba_prosim.check.kinds import images
 from mitsuba_prosim.check.subject import import_module
 from prosim_start.group import prosim
-from scenes import slow
 
 QUICK = [("bsdf", "weight_too_large")]
 STOCK = (
@@ -118,7 +117,8 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize("fault", [*FAULTS[:1], *slow(*FAULTS[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
 def test_check_finds_fault_of_method(monkeypatch, fault):
     kind, plugin, method, change = fault
     right = getattr(getattr(mi, kind), method)

@@ -348,3 +348,9 @@ def test_wrong_scene_writes_nothing(scene, text, says):
     scene.write_text(text, errors="surrogateescape")
     refused(says, "render", scene)
     assert scene.with_suffix(".exr").read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("option", ["--noise", "--spp"])
+def test_missing_integrator_is_shown_at_its_line(scene, option):
+    scene.write_text(scene_text('<integrator type="pathh"/>'))
+    refused('(line 3, col 6): failed to instantiate integrator plugin of type "pathh"', "render", scene, option, 1)

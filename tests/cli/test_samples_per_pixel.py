@@ -63,12 +63,9 @@ def test_scene_in_the_language_gets_the_samples(palito, counts):
     assert np.all(counts() == SPP)
 
 
-@pytest.mark.parametrize("denoise", [[], ["--denoise"]])
-def test_continued_render_keeps_its_samples_until_another_target_is_set(scene, counts, denoise):
-    if denoise:
-        pytest.importorskip("mitsuba_oidn")
+def test_continued_render_keeps_its_samples_until_another_target_is_set(denoiser, scene, counts):
     scene.write_text(scene_text(INTEGRATORS[2], LIT_FLOOR))
-    done("render", scene, "--spp", SPP, "--checkpoint", *denoise)
+    done("render", scene, "--spp", SPP, "--checkpoint", "--denoise")
     state = scene.with_suffix(".state.npz")
     assert np.all(counts() == SPP)
     assert "finished before" in done("resume", state).stdout

@@ -13,6 +13,7 @@ from meshes import scene
 from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
 from prosim_scene.geometry.primitives import PRIMITIVES
+from scenes import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -320,19 +321,6 @@ def test_overlapping_parts_become_one_solid_with_a_warning(boxes, volume, warnin
     assert np.allclose(normals, own[:, None], atol=1e-6)
 
 
-def test_a_mesh_that_crosses_itself_is_named():
-    """A tube in the form of an 8 is connected, so its parts cannot be united."""
-    a, b = np.arange(200) * (2 * np.pi / 200), np.arange(24) * (2 * np.pi / 24)
-    centre = np.stack([4 * np.sin(a), 4 * np.sin(2 * a), 0 * a], axis=1)
-    along = np.roll(centre, -1, axis=0) - np.roll(centre, 1, axis=0)
-    across = np.cross([0, 0, 1], along / np.linalg.norm(along, axis=1)[:, None])
-    ring = np.cos(b)[:, None] * across[:, None] + np.sin(b)[:, None] * [0, 0, 1]
-    n = np.arange(4800).reshape(200, 24)
-    squares = np.stack([n, np.roll(n, -1, 0), np.roll(n, (-1, -1), (0, 1)), np.roll(n, -1, 1)], axis=2).reshape(-1, 4)
-    file = MeshFile(ply("binary_little_endian", squares.tolist(), (centre[:, None] + ring / 2).reshape(-1, 3)))
-    assert re.search("overlaps itself in the part from .* near .*unite them in the program", file.warning)
-
-
 @pytest.mark.parametrize("x, warned", [(-0.9, False), (-1.2, True)])
 def test_a_vertex_that_leaves_the_other_side_is_named(x, warned):
     """A ball has a dent that is deeper than the ball; few of its faces are in a wrong place, and only by their ends."""
@@ -349,7 +337,7 @@ def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
         prosim_scene.check(tmp_path / "s.scn")
 
 
-@pytest.mark.parametrize("kind", ["<f4", "<f8"])
+@pytest.mark.parametrize("kind", ["<f4", *slow("<f8")])
 def test_solids_without_overlaps_have_no_warning(kind):
     """Random unions and differences, whose slivers and creases are as in files by others."""
     generator, tested = np.random.default_rng(5), 0

@@ -209,14 +209,19 @@ def union(bodies: Iterable[Body | None]) -> Body | None:
     """Returns the union of bodies, or None if all are None. If bodies have a common face, the first of these bodies
     owns the face.
 
-    A union of bodies that share no surface is one operation of manifold3d. Other unions are divided into halves.
+    A union of bodies that share no surface is one operation of manifold3d, unless all boxes have a common point. Other
+    unions are divided into halves.
     """
     solids: dict[Solid | None, Body] = {}
     distinct = [body for body in bodies if body and (body.solid is None or solids.setdefault(body.solid, body) is body)]
     if len(distinct) < 2:
         return distinct[0] if distinct else None
-    if len(distinct) == 2 or not _share_surfaces(distinct):
+    boxes, shares = np.array([body.box for body in distinct]).reshape(-1, 6), _share_surfaces(distinct)
+    if len(distinct) == 2 or (not shares and (boxes[:, :3].max(axis=0) > boxes[:, 3:].min(axis=0)).any()):
         return _combined(distinct, OpType.Add, distinct)
+    if not shares:  # the union of bodies with similar boxes hides the most faces, so the next operation is faster
+        order = np.argsort(boxes[:, np.ptp(boxes, axis=0).argmax()], kind="stable")
+        distinct = [distinct[i] for i in order]
     middle = len(distinct) // 2
     return union([union(distinct[:middle]), union(distinct[middle:])])
 
@@ -233,9 +238,8 @@ def difference(first: Body, others: Sequence[Body]) -> Body:
     if not first.surfaces and 0 < MAX_CUTS * solid.num_tri() < len(near):
         refined = solid.refine(math.ceil(math.sqrt(len(near) / (MAX_CUTS * solid.num_tri()))))
         first = replace(first, manifold=lambda: refined)
-    if _share_surfaces([first, *near]) and (body := union(near)):
-        near = [body]
-    return _combined([first, *near], OpType.Subtract, [first]) if near else first
+    cutter = union(near)
+    return _combined([first, cutter], OpType.Subtract, [first]) if cutter else first
 
 
 def remainder(first: Body, second: Body) -> Body:

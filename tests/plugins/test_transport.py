@@ -72,13 +72,6 @@ def test_background_lights_instances_for_other_integrators(variant_rgb):
         with_background_emitter(black, mi.load_dict({"type": "checkerboard"}))
 
 
-def test_the_back_of_a_one_sided_surface_reflects_no_ambient_light(variant_rgb):
-    for bsdf, expected in ((LAMBERTIAN, (0, 0, 0)), ({"type": "twosided", "b": LAMBERTIAN}, (0.1, 0.2, 0.5))):
-        scene = card(bsdf, integrator={"type": "prosim", "ambient": rgb(0.2, 0.4, 1.0), "max_level": 0})
-        scene["card"]["to_world"] = T().rotate([0, 1, 0], 180).scale(3)
-        assert np.allclose(np.array(mi.render(mi.load_dict(scene), spp=4))[..., :3], expected, atol=1e-5)
-
-
 @pytest.mark.parametrize("sensor", ["perspective", "prosim_window", *slow("thinlens", "orthographic")])
 @pytest.mark.parametrize("hidden", [False, True])
 def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):

@@ -23,12 +23,6 @@ UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.
 STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
 POINT_ONLY = [True, False, False]  # of the three numbers of a corner
-#: What is not a decimal number in an OBJ file; and what is not a corner with numbers in these columns.
-NO_NUMBER = re.compile(r"(?<!\S)(?![-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?(?!\S))\S", re.ASCII | re.IGNORECASE)
-NO_CORNER = {
-    columns: re.compile(rf"(?<!\S)(?!{corner.replace('N', '-?[0-9]+')}(?!\S))\S", re.ASCII)
-    for columns, corner in {(0,): "N", (0, 1): "N/N", (0, 2): "N//N", (0, 1, 2): "N/N/N"}.items()
-}
 LEFT_OUT = 1 << 62  # stands for a number that is left out of a corner in an OBJ file, as in 1//3
 CONTRADICTION = "its content does not agree with its header"
 #: The names of the properties of a PLY element, and their types. A list has two types: of its length and of its items.
@@ -166,7 +160,7 @@ def _obj(text: str) -> MeshData:
         if len(row) in (4, 7) and float(row[3]) != 1:
             raise MeshError(f"a vertex has the weight {row[3]} after x y z; only 1 is supported")
     counts = np.array([len(line.split()) for line in polygons], int)
-    numbers = _obj_corners(" ".join(polygons), int(counts.sum()))
+    numbers = _obj_corners(polygons)
     del polygons  # frees memory
     if (numbers < 0).any():  # numbers that are relative to the rows before the face
         words = np.array(re.findall(r"^[^\S\n]*(vt|vn|v|f)(?!\S)", text, re.MULTILINE))
@@ -187,25 +181,19 @@ def _obj_lines(text: str, word: str) -> list[str]:
 
 def _obj_table(lines: list[str], width: int) -> np.ndarray:
     """Returns the first ``width`` numbers of each line of an OBJ file."""
-    if all(len(line.split()) == width for line in lines) and not NO_NUMBER.search(text := " ".join(lines)):
-        return np.fromstring(text, sep=" ").reshape(len(lines), width)
-    values = [number for line in lines for number in line.split()[:width]]
-    return np.array(values, float).reshape(len(lines), width)
+    values = (float(number) for line in lines for number in line.split()[:width])
+    return np.fromiter(values, float).reshape(len(lines), width)
 
 
-def _obj_corners(text: str, count: int) -> np.ndarray:
-    """Returns the numbers (count, 3) of all corners in an OBJ file, or LEFT_OUT."""
-    numbers = np.full((count, 3), LEFT_OUT)
-    for columns, other in NO_CORNER.items():
-        if count and not other.search(text):
-            numbers[:, columns] = np.fromstring(text.replace("/", " "), int, sep=" ").reshape(count, len(columns))
-            return numbers
-    corners = text.split()
+def _obj_corners(polygons: list[str]) -> np.ndarray:
+    """Returns the numbers (n, 3) of all n corners of the polygons in an OBJ file, or LEFT_OUT."""
+    corners = [corner for line in polygons for corner in line.split()]
     slashes = np.array([corner.count("/") for corner in corners])
+    numbers = np.full((len(corners), 3), LEFT_OUT)
     for slash_count in np.unique(slashes).tolist():
-        fields = "/".join(compress(corners, slashes == slash_count)).split("/")
-        values = np.array([n or LEFT_OUT for n in fields], int).reshape(-1, slash_count + 1)
-        numbers[slashes == slash_count, : slash_count + 1] = values
+        chosen = compress(corners, slashes == slash_count)
+        values = np.fromiter((int(number or LEFT_OUT) for one in chosen for number in one.split("/")), int)
+        numbers[slashes == slash_count, : slash_count + 1] = values.reshape(-1, slash_count + 1)
     return numbers
 
 

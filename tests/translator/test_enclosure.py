@@ -94,3 +94,21 @@ def test_each_light_is_named(told):
         ("the light on line 1 i", 1),
         ("the light on line 2 i", 2),
     ]
+
+
+@pytest.mark.parametrize(
+    "tree, eye, closed",
+    [
+        ("- CUBE 1 CUBE 2", "0 0 99", True),
+        ("+ - CUBE 1 CUBE 2 CUBE 3", "0 0 99", True),  # glass in the room
+        ("- CUBE 1 CUBE 2", "0 1 1", False),  # the eye is in the room, too
+        ("- - CUBE 1 CUBE 2 CYLINDER 4", "0 0 99", False),  # the room is open
+        ("CUBE 3", "0 0 99", False),  # glass
+    ],
+)
+def test_light_in_a_closed_hollow_is_named(write_scene, recwarn, tree, eye, closed):
+    move = "TRANSLATE 1e4 1e4 1e4"
+    eye, light = (" ".join(str(float(x) + 1e4) for x in place.split()) for place in (eye, "1 1 1"))
+    prosim_scene.check(write_scene(SCENE.format(lights=f"POINT position {light}", tree=tree, eye=eye, move=move)))
+    found = [w.message for w in recwarn if "is in a closed hollow of an opaque solid" in str(w.message)]
+    assert [one.line for one in found] == [1] * closed

@@ -159,7 +159,9 @@ def tessellate(
         lambda: _sound_surface_mesh(document, table, tree, media_of, any(reflects), cut_media > 0),
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
-    warn_of_enclosure(document, tree, table, [medium == OPAQUE for medium in media_of])
+    is_wall = np.repeat(np.array([inside == OPAQUE for _, inside, _ in faces.kinds], bool), np.diff(faces.starts))
+    opaque = [medium == OPAQUE for medium in media_of]
+    warn_of_enclosure(document, tree, table, opaque, lambda: faces.triangles.positions[is_wall])
     _warn_of_owners(document, faces, media_of)
     for leaf, point in faces.wrong[:1]:
         place = f"near ({' '.join(f'{x:g}' for x in point)})"

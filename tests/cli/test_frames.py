@@ -1,5 +1,6 @@
 """``prosim render --frames``: each frame is the image of the scene alone, and made once, as is what frames share."""
 
+import gc
 import os
 import signal
 
@@ -102,6 +103,7 @@ def test_passes_of_a_wide_filter_share_a_kernel(write_scene, variant_rgb, monkey
         return result
 
     monkeypatch.setattr(WorkItem, "compute", recorded)
+    gc.collect()  # kernels know of all scenes in memory, also of those of other tests
     run("render", write_scene(LAMP, "s.xml"), "--time", 0.5)
     assert len(used) == 1
 

@@ -24,11 +24,11 @@ def put(film: mi.Film, values: mi.TensorXf, aov_names: Sequence[str]) -> None:
 def film_values(image: PixelSet) -> mi.TensorXf:
     """Returns the values that the film stores for the crop window of the image so far, shape (height, width, channels).
 
-    If ``image`` is a second image, it must be complete. The value of a pixel is a sum of
-    contributions from all pixels within the filter's radius, which are added row by row; each contribution is divided
-    by the number of samples of the pixel from which it comes. A pixel without samples contributes nothing. The channels
-    ``samples`` and ``error`` (:data:`.OWN_AOVS`) are multiplied by the pixel's sum of filter weights, because a film
-    divides all channels by this sum.
+    If ``image`` is a second image, it must be complete. The value of a pixel is a sum of contributions from all pixels
+    within the filter's radius, which are added row by row; each contribution is divided by the number of samples of the
+    pixel from which it comes. A pixel without samples contributes nothing. The channels ``samples`` and ``error``
+    (:data:`.OWN_AOVS`) are multiplied by the pixel's sum of filter weights, because a film divides all channels by this
+    sum.
     """
     plan, channels, sums = image.plan, image.estimator.channels, image.accumulators
     left, top, right, bottom = plan.window

@@ -11,6 +11,7 @@ from mitsuba_prosim.compat import MXCSR, denormals_rounded, to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
 from mitsuba_prosim.engine.derivatives import Derivatives
 from mitsuba_prosim.engine.policies import POLICIES, Neighbours, error_of_neighbours
+from mitsuba_prosim.engine.work import WorkItem
 from mitsuba_prosim.scene import session
 from scenes import (
     COPPER,
@@ -135,6 +136,21 @@ def test_second_render_compiles_no_kernel(variant_rgb):
     first = used(1)
     assert used(2) <= first and used(3, threshold=0.001) <= first
     assert used(4, band=200) <= used(5, band=300)  # bands but the last wait for each other: by a kernel of their own
+
+
+def test_work_items_share_their_kernels(variant_rgb, monkeypatch):
+    """Already in the first render of a scene, of which the first work item traces things that the later ones find."""
+    compute, used = WorkItem.compute, []
+
+    def recorded(item):
+        sums = []
+        used.append(kernels(lambda: sums.append(compute(item))))
+        return sums[0]
+
+    monkeypatch.setattr(WorkItem, "compute", recorded)
+    lamp = {"type": "sphere", "center": [3, 3, 3], "radius": 0.3, "emitter": {"type": "area", "radiance": 5.0}}
+    render(penumbra(COPPER, type="prosim", adaptive="none", band=300) | {"lamp": lamp})
+    assert len(used) == 4 and all(one == used[0] for one in used)
 
 
 @pytest.mark.parametrize("sensor", ["perspective", *slow("thinlens", "prosim_window")])

@@ -114,6 +114,9 @@ class Estimator:
         adds the samples of one pixel in the order of their numbers. The luminance of a sample is limited to
         :data:`BRIGHTEST`; the film's sums are not limited.
         """
+        # Dr.Jit shares equal expressions within a scope. In a scope of its own, a kernel does not depend on what was
+        # traced before; else the second work item could compile another one.
+        dr.detail.new_scope(dr.backend_v(mi.Float))
         n, Double = plan.n, double()
         brightest = BRIGHTEST if Double is mi.Float else BRIGHTEST**2
         first, pixel, t = lanes(start.count, end)

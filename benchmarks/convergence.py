@@ -12,10 +12,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import mitsuba as mi
 import numpy as np
 from gains import DEPTH, NESTED, PATHS
 from measure import Run, arguments, begin, interval, reference, render_in_turn, tone_mapped_error
-from mitsuba_prosim.compare import measures
 from subjects import BUILT, Subject
 
 COUNTS = (2, 3, 5, 9)
@@ -78,12 +78,12 @@ def draw(
     shown = {name: min(curve, key=lambda run: abs(np.median(run.seconds) - cost)) for name, curve in found.items()}
     shown = {name: shown[name] for name in ("prosim, graded", *(n for n in shown if n.endswith("independent")))}
     grid, scale = lower.subplots(2, 1 + len(shown) + 1), 0.25 / truth.mean()
-    grid[0, 0].imshow(measures.display(truth * scale))
+    grid[0, 0].imshow(mi.util.convert_to_bitmap(truth * scale))
     grid[0, 0].set_title("reference")
     grid[1, 0].axis("off")
     for column, (name, run) in enumerate(shown.items(), 1):
         assert run.image is not None
-        grid[0, column].imshow(measures.display(run.image * scale))
+        grid[0, column].imshow(mi.util.convert_to_bitmap(run.image * scale))
         grid[0, column].set_title(f"{name}, {np.median(run.seconds):.2f} s", fontsize=8)
         error = tone_mapped_error(run.image * scale, truth * scale)
         grid[1, column].imshow(error, vmax=0.1, cmap="magma")

@@ -39,7 +39,7 @@ def tone_mapped_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
 MEASURES: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
     "tone-mapped": lambda image, reference: float(np.mean(np.square(tone_mapped_error(image, reference)))),
     "relMSE": lambda image, reference: float(np.mean(np.square(image - reference) / (np.square(reference) + 0.01))),
-    "FLIP": lambda image, reference: measures.flip(image, reference) ** 2,
+    "FLIP": lambda image, reference: float(measures.flip_map(image, reference).mean()) ** 2,
 }
 
 

@@ -21,7 +21,6 @@ import mitsuba_prosim
 import numpy as np
 import prosim_scene
 from matplotlib.figure import Figure
-from mitsuba_prosim.compare.measures import display
 from mitsuba_prosim.scene.images import compress, luminance
 from prosim_scene import document_of
 
@@ -323,7 +322,7 @@ def hero_figure(images, errors, samples, captions):
     figure = Figure(figsize=(width / 100, height / 100))
     places = [(0, 0, 640, 480), (660, 0, 640, 480), (0, 530, 420, 315), (440, 530, 420, 315), (880, 530, 420, 315)]
     shown = [{}, {}, {"cmap": "inferno", "vmax": 0.1}, {"cmap": "inferno", "vmax": 0.1}, {"cmap": "viridis"}]
-    images = display(compress(np.concatenate(images)))  # with one tone curve
+    images = np.array(mi.util.convert_to_bitmap(compress(np.concatenate(images))))  # with one tone curve
     panels = [*np.split(images, 2), *errors, np.log(samples)]
     for (x, y, w, h), panel, style, caption in zip(places, panels, shown, captions):
         axes = figure.add_axes((x / width, 1 - (y + h) / height, w / width, h / height))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from math import inf, isfinite
 from typing import Any
 
@@ -78,6 +80,20 @@ def check_samples(sensor: mi.Sensor, spp: int) -> None:
     """Raises ValueError if ``spp`` is negative, or is 0 and the sampler of ``sensor`` has no samples either."""
     if spp < 0 or not (spp or sensor.sampler().sample_count()):
         raise ValueError(f"{spp or 'sample_count = 0'} samples per pixel; give 1 or more")
+
+
+def from_text(text: str) -> Any:
+    """Returns the value of a parameter of a plugin from its text on a command line: a number, true or false, a colour
+    R,G,B, a dictionary in JSON, or else the text itself.
+    """
+    if text.count(",") == 2 and not text.startswith("{"):
+        with suppress(ValueError):
+            return {"type": "rgb", "value": [float(part) for part in text.split(",")]}
+    for read in json.loads, float:  # JSON has no .5
+        with suppress(ValueError):
+            if isinstance(found := read(text), (int, float, dict)):
+                return found
+    return text
 
 
 def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:

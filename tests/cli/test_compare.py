@@ -41,6 +41,10 @@ def report(tmp_path_factory):
 # ---- measures
 
 
+def mean_flip(image, reference):
+    return measures.flip_map(image, reference).mean()
+
+
 def test_measures_of_a_known_error():
     reference = np.full((16, 16, 3), 0.25)
     image = np.array(reference)
@@ -52,7 +56,7 @@ def test_measures_of_equal_images_and_order_of_unequal_ones():
     rng = np.random.default_rng(1)
     reference = rng.random((32, 32, 3))
     noise = rng.normal(size=reference.shape)
-    for name, measure in measures.ALL.items():
+    for name, measure in ("rmse", measures.rmse), ("flip", mean_flip):
         equal, near, far = (measure(reference + s * noise, reference) for s in (0, 0.05, 0.3))
         assert far > near > equal == pytest.approx(0, abs=1e-6), name
 
@@ -141,5 +145,5 @@ def test_wrong_input_writes_nothing(tmp_path, arguments, message):
 def test_flip_is_1_between_extremes():
     green, blue = (np.broadcast_to(np.eye(3)[c], (32, 32, 3)).astype(float) for c in (1, 2))
     # The largest colour difference that the metric knows (Andersson et al. 2020): green to blue.
-    assert measures.flip(green, blue) == pytest.approx(1, abs=0.02)
-    assert measures.flip(green, 0.9 * green) < 0.5
+    assert mean_flip(green, blue) == pytest.approx(1, abs=0.02)
+    assert mean_flip(green, 0.9 * green) < 0.5

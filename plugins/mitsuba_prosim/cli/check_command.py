@@ -1,15 +1,14 @@
 """``prosim check``: tests whether a plugin, or each plugin of a scene, is right."""
 
-import json
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 import mitsuba as mi
 
+from ..parameters import from_text
 from .job import Command, Job, job_options
 from .option_types import DEFINITION, input_errors, option
 
@@ -46,7 +45,7 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
 
     for module in modules:
         import_module(module)
-    source: Any = {"type": plugin, **{k: value(v) for k, v in parameters.items()}}
+    source: Any = {"type": plugin, **{k: from_text(v) for k, v in parameters.items()}}
     if Path(plugin).suffix:
         if parameters or not Path(plugin).is_file():
             raise ValueError(
@@ -59,13 +58,3 @@ def subjects(plugin: str, parameters: dict[str, str], modules: tuple[str, ...]) 
     else:
         subject.load()
         yield source, 0
-
-
-def value(text: str) -> Any:
-    """Converts the text of a parameter: a number, true or false, a colour R,G,B, a dictionary in JSON, or a text."""
-    with suppress(ValueError):
-        if text.count(",") == 2 and not text.startswith("{"):
-            return {"type": "rgb", "value": [float(part) for part in text.split(",")]}
-        if isinstance(parsed := json.loads(text), (int, float, dict)):
-            return parsed
-    return text

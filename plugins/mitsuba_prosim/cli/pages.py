@@ -4,9 +4,7 @@ explains why a pixel has its value.
 
 import shlex
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 import mitsuba as mi
@@ -47,27 +45,20 @@ def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> 
             specs = methods.Spec(a), methods.Spec(b)
             mi.set_log_level(mi.LogLevel.Error)  # hides warnings about rounded sample counts
             compared_scene = methods.ComparedScene(job.read_scene(resources.folder))
-            exposure = job.exposure or 0.0
-            name = Path(job.scene).name
-            compared = comparison.Comparison(compared_scene, name, *specs, rounds, reference_seconds, exposure)
+            compared = comparison.Comparison(compared_scene, *specs, rounds, reference_seconds, job.exposure or 0.0)
         with Progress("comparing") as bar:
             for phase, progress in compared.run():
                 bar.show(progress, phase)
-    page = comparison_page.html(compared.facts, compared.images)
+    page = comparison_page.html(compared, Path(job.scene).name)
     (written,) = files.save(stem, {".html": page.encode("utf-8")})
-    click.echo(f"{summary(compared.facts, comparison.LIGHT[compared.facts['transport']])}\n{written}")
-
-
-def summary(facts: Mapping[str, Any], light: str) -> str:
-    """Returns the rows of the results, see :attr:`.Comparison.facts`, as a few lines of text."""
-    lines = [f"Light: {light}. Samples and times are as near to equal as the samplers allow."]
-    labels = [row["name"] + row["role"][1:] for row in facts["rows"]]  # "b at equal time" -> "path at equal time"
-    for label, row in zip(labels, facts["rows"]):
-        lines.append(
-            f"{label:<{max(map(len, labels))}} {row['samples']:7.1f} samples  {row['seconds']['median']:7.3f} s  "
-            f"RMSE {row['rmse']['median']:.5f}  FLIP {row['flip']['median']:.4f}"
+    light, width = comparison.LIGHT[compared.transport], max(len(row.name) for row in compared.rows)
+    click.echo(f"Light: {light}. Samples and times are as near to equal as the samplers allow.")
+    for row in compared.rows:
+        click.echo(
+            f"{row.name:<{width}} {row.counts.mean():7.1f} samples  {row.median('seconds'):7.3f} s  "
+            f"RMSE {row.median('rmse'):.5f}  FLIP {row.median('flip'):.4f}"
         )
-    return "\n".join(lines)
+    click.echo(written)
 
 
 PIXEL = PatternType("X,Y", "120,80", r"(\d+),(\d+)", integers)

@@ -1,18 +1,14 @@
 """Compares two methods (integrators with samplers): renders a converged reference image, and measures the time and the
-error of both in interleaved runs. The results are numbers and images for an HTML page.
+error of both in interleaved runs, for an HTML page.
 """
 
-import os
-import platform
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
-from ..engine import environment
 from ..engine.plan import TARGETS
 from . import measures
 from .methods import ComparedScene, Method, Spec
@@ -21,21 +17,27 @@ from .methods import ComparedScene, Method, Spec
 REFERENCE_SEEDS = 1 << 20
 
 
-@dataclass
-class Runs:
-    """The runs of one method.
+class Row:
+    """A row of the results: the runs of one method, whose images are multiplied by ``scale``, the exposure.
 
-    ``values`` are the results of all rounds: "seconds" (elapsed), "cpu" (processor time) and the error measures against
-    ``reference`` -> list. ``image`` is the latest image, multiplied by ``scale`` (the exposure), and ``counts`` its
-    number of samples per pixel.
+    ``role`` is "a", "b", "b at equal samples" or "b at equal time".
     """
 
-    method: Method
-    reference: np.ndarray
-    scale: float = 1.0
-    values: dict[str, list[float]] = field(default_factory=dict)
-    image: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    counts: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    def __init__(self, role: str, method: Method, reference: np.ndarray, scale: float) -> None:
+        self.role, self.method, self.reference, self.scale = role, method, reference, scale
+        #: "seconds" (elapsed), "cpu" (processor time), "rmse" and "flip" -> the values of all rounds.
+        self.values = defaultdict[str, list[float]](list)
+        #: The latest image, its error FLIP in each pixel, and its number of samples in each pixel.
+        self.image = self.flip = self.counts = np.zeros(0)
+
+    @property
+    def name(self) -> str:
+        """The method and the role, such as "path at equal time"."""
+        return self.method.name + self.role[1:]
+
+    def median(self, name: str) -> float:
+        """Returns the median of some of the ``values``."""
+        return float(np.median(self.values[name]))
 
     def measure(self, number: int) -> None:
         """Renders an image with the seed ``number``, the round, and stores its time and errors; round 0 only compiles
@@ -44,29 +46,10 @@ class Runs:
         image, self.counts, seconds, cpu = self.method.render(number)
         self.image = image * self.scale
         if number > 0:
-            errors = {name: measure(self.image, self.reference) for name, measure in measures.ALL.items()}
+            self.flip = measures.flip_map(self.image, self.reference)
+            errors = {"rmse": measures.rmse(self.image, self.reference), "flip": float(self.flip.mean())}
             for name, value in {"seconds": seconds, "cpu": cpu, **errors}.items():
-                self.values.setdefault(name, []).append(value)
-
-    def facts(self) -> dict[str, Any]:
-        """Returns the mean number of samples per pixel, and the median, the minimum and the maximum of each of
-        ``values``.
-        """
-        return {"samples": float(np.mean(self.counts))} | {
-            name: {"median": float(np.median(values)), "least": min(values), "most": max(values)}
-            for name, values in self.values.items()
-        }
-
-
-def interleaved(runs: Sequence[Runs], rounds: int) -> Iterator[float]:
-    """Measures each of ``runs`` in each round, after one for warming up; yields the progress, 0 to 1.
-
-    The methods render in turn, so that other load of the machine affects all of them equally.
-    """
-    for number in range(rounds + 1):
-        for k, run in enumerate(runs):
-            run.measure(number)
-            yield (number * len(runs) + k + 1) / ((rounds + 1) * len(runs))
+                self.values[name].append(value)
 
 
 class Reference:
@@ -106,16 +89,6 @@ class Reference:
             self.disagreement = float(np.sqrt(np.mean((mean[0] - mean[1]) ** 2) / variance.sum()))
 
 
-def machine() -> dict[str, str | int | float | None]:
-    """Returns the software, the processor, the number of cores and the load of this machine."""
-    return environment.this_environment() | {
-        "cores": os.cpu_count(),
-        "threads": dr.thread_count(),
-        "python": platform.python_version(),
-        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
-    }
-
-
 #: Light transport, that is, the simulated light paths -> its name on the page.
 LIGHT = {"paths": "all paths", "direct": "direct light", "scene": "the scene's light"}
 
@@ -124,93 +97,66 @@ UNIFORM: dict[str, Any] = {"adaptive": "none", "samples": 8, **dict.fromkeys(TAR
 
 
 class Comparison:
-    """Compares the methods ``a`` and ``b`` on a scene called ``name``, in ``rounds`` measured renders of each.
+    """Compares the methods ``a`` and ``b`` on a scene, in ``rounds`` measured renders of each.
 
     The reference takes at least ``seconds``. All images are multiplied by 2^``exposure``. If one of the methods is
     ``prosim``, it simulates the light paths of the other; if both are, those that the scene selects. Raises ValueError
     for a wrong specification.
     """
 
-    def __init__(
-        self, scene: ComparedScene, name: str, a: Spec, b: Spec, rounds: int, seconds: float, exposure: float
-    ) -> None:
-        self.scene, self.b, self.seconds = scene, b, seconds
-        transport = b.transport or a.transport or "scene"
-        self.reference = Reference([reference_estimator(scene, spec, transport) for spec in (a, b)])
-        self.methods = {"a": scene.method(a, transport)}
+    def __init__(self, scene: ComparedScene, a: Spec, b: Spec, rounds: int, seconds: float, exposure: float) -> None:
+        self.scene, self.a, self.b, self.rounds, self.seconds = scene, a, b, rounds, seconds
+        self.exposure, self.scale = exposure, 2.0**exposure
+        self.transport = b.transport or a.transport or "scene"
+        # Each takes 64 samples in every pixel.
+        uniform = [
+            scene.method(spec, self.transport, **UNIFORM) if spec.is_adaptive else self.at(64, spec) for spec in (a, b)
+        ]
+        self.reference = Reference(uniform)
+        self.methods = {"a": scene.method(a, self.transport)}
         if b.is_adaptive:
-            self.methods["b"] = scene.method(b, transport)
-        #: Results that can be written as JSON, and images by name; both are complete after :meth:`run`.
-        self.facts: dict[str, Any] = {
-            "scene": name,
-            "a": a.text,
-            "b": b.text,
-            "rounds": rounds,
-            "exposure": exposure,
-            "transport": transport,
-        }
-        self.images: dict[str, np.ndarray] = {}
+            self.methods["b"] = scene.method(b, self.transport)
+        #: The results of :meth:`run`.
+        self.rows: list[Row] = []
+
+    def at(self, spp: int, spec: Spec) -> Method:
+        """Returns the method of ``spec``, which is not adaptive, with ``spp`` samples in each pixel."""
+        return self.scene.method(spec, self.transport, spp)
 
     def run(self) -> Iterator[tuple[str, float]]:
-        """Renders all images, and stores the results in :attr:`facts` and :attr:`images`; yields the name of the
-        current phase, and its progress, 0 to 1.
+        """Renders all images, and stores the results in :attr:`rows`; yields the name of the current phase, and its
+        progress, 0 to 1.
 
-        A row of the results has a role: "a", "b", "b at equal samples" or "b at equal time". Its images are those
-        names followed by "/image", "/flip" and "/counts".
+        The methods render in turn, so that other load of the machine affects all of them equally.
         """
-        methods, reference, facts, scale = self.methods, self.reference, self.facts, 2.0 ** self.facts["exposure"]
-        transport = facts["transport"]
-        for progress in reference.converge(self.seconds):
-            yield f"reference of {LIGHT[transport]}", progress
-        if "b" not in methods:
+        for progress in self.reference.converge(self.seconds):
+            yield f"reference of {LIGHT[self.transport]}", progress
+        if "b" not in self.methods:
             yield "finding equal times", 0.0
-            equal = equal_cost_methods(self.scene, methods["a"], self.b, transport)
-            methods |= zip(("b at equal samples", "b at equal time"), equal)
-        true = reference.image * scale
-        rows = {role: Runs(method, true, scale) for role, method in methods.items()}
-        for progress in interleaved([*rows.values()], facts["rounds"]):
-            yield "rendering in turn", progress
-        facts["rows"] = [{"role": role, "name": run.method.name} | run.facts() for role, run in rows.items()]
-        facts["reference"] = {name: getattr(reference, name) for name in ("seconds", "passes", "disagreement")}
-        facts["reference"] |= {"error": reference.error * scale, "mean": float(np.mean(true))}
-        facts |= {"machine": machine(), "height": len(true), "width": len(true[0])}
-        self.images["reference"] = true
-        for role, run in rows.items():
-            flip = measures.flip_map(run.image, true)
-            self.images |= {f"{role}/image": run.image, f"{role}/flip": flip, f"{role}/counts": run.counts}
-        facts["scales"] = {kind: self._scale(kind) for kind in ("flip", "counts")}
+            self.methods |= self.equal_cost_methods(self.methods["a"])
+        true = self.reference.image * self.scale
+        self.rows = [Row(role, method, true, self.scale) for role, method in self.methods.items()]
+        turns = [(number, row) for number in range(self.rounds + 1) for row in self.rows]
+        for k, (number, row) in enumerate(turns, 1):
+            row.measure(number)
+            yield "rendering in turn", k / len(turns)
 
-    def _scale(self, kind: str) -> float:
-        """Returns the value that is white in all maps of a kind: the maximum of sample counts, and the 99.5th
-        percentile of differences, so that a few pixels do not make the rest dark; 1 if all values are 0.
+    def equal_cost_methods(self, a: Method) -> dict[str, Method]:
+        """Returns the method ``b``, which is not adaptive, with as many samples as ``a``, and with about the same
+        rendering time, within about 10 % if one of the first four tried sample counts achieves this.
         """
-        maps = [image for name, image in self.images.items() if name.endswith("/" + kind)]
-        return float(max(np.percentile(one, 100 if kind == "counts" else 99.5) for one in maps)) or 1.0
+        samples = max(round(float(np.mean(a.render(0)[1]))), 1)
 
+        def processor_seconds(method: Method) -> float:
+            method.render(0)  # compiles the kernels
+            return float(np.median([method.render(0)[3] for _ in range(3)]))
 
-def reference_estimator(scene: ComparedScene, spec: Spec, transport: str) -> Method:
-    """Returns the method of ``spec`` with 64 samples in every pixel; the mean of its images is the reference."""
-    if spec.is_adaptive:
-        return scene.method(spec.with_parameters(**UNIFORM), transport)
-    return scene.method(spec, transport, spp=64)
-
-
-def equal_cost_methods(scene: ComparedScene, a: Method, b: Spec, transport: str) -> tuple[Method, Method]:
-    """Returns the method ``b``, which is not adaptive, with as many samples as ``a``, and with about the same rendering
-    time, within about 10 % if one of the first four tried sample counts achieves this.
-    """
-    samples = max(round(float(np.mean(a.render(0)[1]))), 1)
-
-    def processor_seconds(method: Method) -> float:
-        method.render(0)  # compiles the kernels
-        return float(np.median([method.render(0)[3] for _ in range(3)]))
-
-    target_seconds = processor_seconds(a)
-    spp, at_equal_time = samples, scene.method(b, transport, spp=samples)
-    for _ in range(4):  # repeated, because a part of a render's time does not depend on the sample count
-        ratio = target_seconds / processor_seconds(at_equal_time)
-        if 0.9 < ratio < 1.1:
-            break
-        spp = min(max(round(spp * ratio), 1), 4096)
-        at_equal_time = scene.method(b, transport, spp=spp)
-    return scene.method(b, transport, spp=samples), at_equal_time
+        target_seconds = processor_seconds(a)
+        spp, at_equal_time = samples, self.at(samples, self.b)
+        for _ in range(4):  # repeated, because a part of a render's time does not depend on the sample count
+            ratio = target_seconds / processor_seconds(at_equal_time)
+            if 0.9 < ratio < 1.1:
+                break
+            spp = min(max(round(spp * ratio), 1), 4096)
+            at_equal_time = self.at(spp, self.b)
+        return {"b at equal samples": self.at(samples, self.b), "b at equal time": at_equal_time}

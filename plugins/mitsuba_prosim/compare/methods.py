@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import gc
 import time
 from dataclasses import dataclass
@@ -15,11 +14,10 @@ import numpy as np
 
 from ..compat import PLACE
 from ..optics import nested
+from ..parameters import from_text
+from ..registry import create
 from ..scene import rendering, scene_file
 from ..scene.session import message
-
-#: The form of a method's specification on the command line.
-FORM = "INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]"
 
 #: Light transport -> the parameters of ``prosim`` that select this transport.
 TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"max_level": -1, "diffuse_bounces": -1}}
@@ -28,30 +26,14 @@ TRANSPORT: dict[str, dict[str, Any]] = {"direct": {"max_level": 0}, "paths": {"m
 class Spec:
     """The parsed specification of a method, such as ``path:multijitter,max_depth=5``."""
 
-    def __init__(self, text: str, **changes: Any) -> None:
-        """Parses ``text``, whose values are Python literals, ``true``, ``false`` or other texts; ``changes`` replace
-        its parameters. Raises ValueError if ``text`` does not have the form :data:`FORM`.
-        """
-        head, *parameters = text.split(",")
-        self.text = text
-        self.integrator, _, sampler = head.partition(":")
-        self.sampler = sampler or None
-        self.parameters: dict[str, Any] = {}
-        for parameter in parameters:
-            name, _, value = map(str.strip, parameter.partition("="))
-            if not (name and value):
-                raise ValueError(f"{parameter!r} in {text!r} is not of the form PARAMETER=VALUE")
-            try:
-                self.parameters[name] = ast.literal_eval({"true": "True", "false": "False"}.get(value, value))
-            except (ValueError, SyntaxError):  # the value is not a number
-                self.parameters[name] = value
-        self.parameters |= changes
-        if not self.integrator:
-            raise ValueError(f"{text!r} is not of the form {FORM}")
-
-    def with_parameters(self, **changes: Any) -> Spec:
-        """Returns a copy of this specification, in which the parameters ``changes`` are replaced or added."""
-        return Spec(self.text, **self.parameters | changes)
+    def __init__(self, text: str) -> None:
+        """Parses ``text``, of the form INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]; raises ValueError for another one."""
+        head, *rest = text.split(",")
+        parts = [[part.strip() for part in parameter.partition("=")] for parameter in rest]
+        self.text, (self.integrator, _, sampler) = text, head.partition(":")
+        self.sampler, self.parameters = sampler or None, {name: from_text(value) for name, _, value in parts}
+        if not self.integrator or not all(all(part) for part in parts):
+            raise ValueError(f"{text!r} is not of the form INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...]")
 
     @property
     def is_adaptive(self) -> bool:
@@ -117,8 +99,8 @@ class ComparedScene:
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 
-    def method(self, spec: Spec, transport: str, spp: int = 0) -> Method:
-        """Returns the :class:`Method` of a specification.
+    def method(self, spec: Spec, transport: str, spp: int = 0, **changes: Any) -> Method:
+        """Returns the :class:`Method` of a specification, whose parameters ``changes`` replace.
 
         For ``prosim``, ``transport`` selects the light paths: "scene" (as the scene file says), "paths" (all) or
         "direct". Unless it is "scene", the scene's background is an emitter (:attr:`lit`). The parameters of the
@@ -126,46 +108,39 @@ class ComparedScene:
         samples per pixel; 0 means that of the parameters or of the sampler. Raises ValueError for a wrong
         specification.
         """
-        settings: dict[str, Any] = {"type": spec.integrator}
-        if spec.integrator == self.integrator:
-            settings |= self.settings
+        settings = dict(self.settings) if spec.integrator == self.integrator else {}
         if transport != "scene":
             settings.pop("hide_emitters", None)  # the other method would not hide them
         if spec.is_adaptive:
             # Only "scene" has an ambient term and a background; otherwise the background is an emitter of ``lit``.
             settings |= TRANSPORT.get(transport, self.textures)
+        settings |= {"type": spec.integrator, **spec.parameters, **changes}
         try:
-            sensor, integrator = self.sensor(spec.sampler), mi.load_dict(settings | spec.parameters)
+            sensor, integrator = self.sensor(spec.sampler), mi.load_dict(settings)
         except RuntimeError as error:
             # The message names a line of the scene, but the error is in the specification: removes the line.
             raise ValueError(f"'{spec.text}': {PLACE.sub('', message(error)).removeprefix(': ')}") from None
         if not spec.is_adaptive:
             spp = spp or sensor.sampler().sample_count()
-        scene = self.scene if transport == "scene" else self.lit
-        return Method(spec.text, scene, sensor, integrator, spp)
+        return Method(spec.text, self.scene if transport == "scene" else self.lit, sensor, integrator, spp)
 
 
 def with_background_emitter(scene: mi.Scene, background: mi.Texture) -> mi.Scene:
-    """Returns a new scene with the same shapes and emitters, with ``background`` as a further emitter, without a
-    sensor.
+    """Returns a new scene of the same shapes and emitters, with ``background`` as a further emitter, without a sensor.
 
     The objects are not copied, because Dr.Jit traces all BSDFs and emitters that exist. Raises ValueError if the
     background varies in space and is not a bitmap.
     """
-    if background.is_spatially_varying() and "data" not in mi.traverse(background):
+    if not background.is_spatially_varying():
+        sky = create("constant", radiance=background)
+    elif "data" in (data := mi.traverse(background)):
+        sky = create("envmap", bitmap=mi.Bitmap(data["data"]))
+    else:
+        name = background.class_name()
         raise ValueError(
-            f"a background of {background.class_name()} can't light the scene for other integrators; use a colour or a "
-            "bitmap"
+            f"a background of {name} can't light the scene for other integrators; use a colour or a bitmap"
         )
-    sky = {"type": "constant", "radiance": background}
-    if background.is_spatially_varying():
-        sky = {"type": "envmap", "bitmap": mi.Bitmap(mi.traverse(background)["data"])}
     shapes = [*scene.shapes(), *(part for part in nested.parts(scene).values() if isinstance(part, mi.Shape))]
-    parts = {f"shape_{i}": shape for i, shape in enumerate(dict.fromkeys(shapes))}  # also the groups of instances
-    parts |= {f"emitter_{i}": emitter for i, emitter in enumerate(scene.emitters()) if emitter.get_shape() is None}
-    names = {part: part.id() for part in parts.values()}
-    try:
-        return mi.load_dict({"type": "scene", **parts, "background": sky})
-    finally:
-        for part, name in names.items():  # load_dict has renamed the objects
-            part.set_id(name)
+    shapes = [*dict.fromkeys(shapes)]  # also the groups of instances
+    lamps = [emitter for emitter in scene.emitters() if emitter.get_shape() is None]
+    return create("scene", **{f"part_{k}": part for k, part in enumerate([*shapes, *lamps, sky])})

@@ -110,7 +110,7 @@ def shown(page):
 
 @contextmanager
 def running(path, opened=lambda: None, **options):
-    """A viewer in a thread, whose publisher lists what it published as ``said``.
+    """A viewer in a thread, which lists what it published as ``said``.
 
     ``opened`` is called when the scene has been read, before the viewer has it.
     """
@@ -121,14 +121,13 @@ def running(path, opened=lambda: None, **options):
         return scene
 
     viewer = Viewer(path, open_scene, **options)
-    publisher, publish = viewer.publisher, viewer.publisher.publish
-    publisher.said = []
+    publish, viewer.said = viewer.publish, []
 
     def published(picture=None, **changes):
         publish(picture, **changes)
-        publisher.said.append(publisher.picture)
+        viewer.said.append(viewer.picture)
 
-    publisher.publish = published
+    viewer.publish = published
     thread = threading.Thread(target=viewer.run)
     thread.start()
     try:
@@ -142,15 +141,15 @@ def running(path, opened=lambda: None, **options):
 
 def save(viewer, path, text):
     """Saves, and waits until the scene is opened again."""
-    opened = viewer.publisher.state.opened
+    opened = viewer.state.opened
     path.write_text(text)
-    until(lambda: viewer.publisher.state.opened != opened)
+    until(lambda: viewer.state.opened != opened)
 
 
 def move(viewer, by):
     """Moves the camera, and waits for the image."""
     viewer.call(lambda viewer: viewer.move(by)).result(PATIENCE)
-    until(lambda: viewer.publisher.state.view is not None and viewer.publisher.state.status == "done")
+    until(lambda: viewer.state.view is not None and viewer.state.status == "done")
 
 
 def surface_at(viewer, x, y):
@@ -159,4 +158,4 @@ def surface_at(viewer, x, y):
 
 def is_(viewer, doing, opened=1):
     """Waits for a status of the viewer, which has opened the scene so many times, or more often."""
-    until(lambda: viewer.publisher.state.status == doing and viewer.publisher.state.opened >= opened)
+    until(lambda: viewer.state.status == doing and viewer.state.opened >= opened)

@@ -23,12 +23,12 @@ LONG = LITTLE.replace("NSAMPLES: 2", "NSAMPLES: 100")
 
 
 def final(viewer):
-    return viewer.publisher.picture.layers["final"]
+    return viewer.picture.layers["final"]
 
 
 def seen(viewer):
     """The layers of all pictures, by their numbers."""
-    return {picture.number: picture.layers for picture in viewer.publisher.said if picture is not None}
+    return {picture.number: picture.layers for picture in viewer.said if picture is not None}
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_viewer_shows_a_coarse_image_first_and_the_rendered_image_last(
     all_portions_seen(12000)
     path.write_text(RED.replace("64 48", "200 150"))
     with running(path) as viewer:
-        until(lambda: viewer.publisher.picture is not None)
+        until(lambda: viewer.picture is not None)
         assert '"pixel": [90, 75]' in viewer.call(lambda viewer: viewer.explanation(90, 75)).result(PATIENCE)
         is_(viewer, "done")
         image = final(viewer)
@@ -79,11 +79,11 @@ def test_viewer_shows_what_was_saved_last(variant_rgb, path):
     """Of many versions in the midst of a wave."""
     path.write_text(LONG)
     with running(path) as viewer:
-        until(lambda: viewer.publisher.state.status == "rendering" and viewer.publisher.state.layers != ("final",))
+        until(lambda: viewer.state.status == "rendering" and viewer.state.layers != ("final",))
         for text in [RED, LONG] * 25 + [BLUE]:
             path.write_text(text)
-        until(lambda: viewer.publisher.state.status == "done" and final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0])
-        assert viewer.publisher.state.error is None
+        until(lambda: viewer.state.status == "done" and final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0])
+        assert viewer.state.error is None
 
 
 def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypatch):
@@ -92,7 +92,7 @@ def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypat
     wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
     with running(path) as viewer:
-        until(lambda: "'pictures/wood.png' does not exist" in (viewer.publisher.state.error or ""))
+        until(lambda: "'pictures/wood.png' does not exist" in (viewer.state.error or ""))
         wood.parent.mkdir()
         wood.write_bytes(stream.raw_buffer()[:40])
         is_(viewer, "failed", 2)
@@ -108,11 +108,11 @@ def test_viewer_notices_a_change_while_it_opens_the_scene(variant_rgb, path, tmp
         is_(viewer, "done", 2)
         assert final(viewer)[20, 30, 2] > final(viewer)[20, 30, 0]
         move(viewer, lambda camera: camera.orbited(40, 10))
-        view = viewer.publisher.state.view
+        view = viewer.state.view
         save(viewer, path, BLUE.replace("kd", "kkd"))
         save(viewer, path, RED)
         is_(viewer, "done")
-        assert viewer.publisher.state.view == view
+        assert viewer.state.view == view
 
 
 def test_cancelled_call_does_not_stop_the_viewer(path):
@@ -143,18 +143,18 @@ def test_viewer_renders_other_integrators_and_sensors(variant_rgb, tmp_path, mon
         path.write_text(xml.replace("SENSOR", sensor))
         with running(path) as viewer:
             is_(viewer, "done")
-            state = viewer.publisher.state
+            state = viewer.state
             assert state.size == (8, 6) and state.samples == 9
             assert {path, wood} <= viewer.watcher.stamps.keys()
             before = final(viewer)
             assert surface_at(viewer, 7, 5) == "scene.xml, line 5 (ball)"
             move(viewer, lambda camera: camera.panned(0.3, 0))
-            assert "<matrix" in viewer.publisher.state.view
+            assert "<matrix" in viewer.state.view
             assert not np.array_equal(final(viewer), before)
     path.write_text(xml)  # there is no sensor of this name
     with running(path) as viewer:
-        until(lambda: viewer.publisher.state.error)
-        quoted, caret = viewer.publisher.state.error.splitlines()[-2:]
+        until(lambda: viewer.state.error)
+        quoted, caret = viewer.state.error.splitlines()[-2:]
         assert quoted[caret.index("^") :].startswith('sensor type="SENSOR"')
 
 
@@ -165,7 +165,7 @@ def test_viewer_denoises_the_final_image(variant_rgb, denoiser, path, tmp_path, 
         is_(viewer, "done")
         whole = [layers["samples"] for layers in seen(viewer).values() if set(layers) == {"final", "error", "samples"}]
         assert len(whole) > 3 and all(np.all(a <= b) and np.any(a < b) for a, b in itertools.pairwise(whole))
-        layers = viewer.publisher.picture.layers
+        layers = viewer.picture.layers
     expected = denoising.render(SceneFile(path, tmp_path / "again").load())
     for name in ("final", "raw", "denoised"):
         assert np.array_equal(layers[name], getattr(expected, name)), name
@@ -187,11 +187,11 @@ def test_viewer_survives_an_image_that_fails(variant_rgb, write_scene, monkeypat
     path = write_scene(XML.replace("INTEGRATOR", '<integrator type="ptracer"/>'), "scene.xml")
 
     def asked(words):
-        assert words in viewer.publisher.state.error
+        assert words in viewer.state.error
         assert surface_at(viewer, 4, 3).startswith("Sphere") and surface_at(viewer, 0, 0) == "background"
         with pytest.raises(ValueError, match="no image"):
             viewer.call(lambda viewer: viewer.result()).result(PATIENCE)
-        assert viewer.publisher.state.status == "failed" and words in viewer.publisher.state.error
+        assert viewer.state.status == "failed" and words in viewer.state.error
 
     with running(path) as viewer:
         is_(viewer, "failed")
@@ -203,4 +203,4 @@ def test_viewer_survives_an_image_that_fails(variant_rgb, write_scene, monkeypat
             asked("KeyError: 'unforeseen'")
         move(viewer, lambda camera: camera.orbited(10, 0))
         is_(viewer, "done", 2)
-        assert viewer.publisher.state.error is None
+        assert viewer.state.error is None

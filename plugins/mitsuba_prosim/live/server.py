@@ -15,7 +15,6 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.requests import Request
@@ -26,20 +25,25 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from ..explaining import explanation_page
 from ..scene.channels import parse_factors
-from .progressive_image import Factors, Picture
+from .orbit_camera import Camera
+from .progressive_image import Factors
 from .viewer import Viewer
 
 #: A function of the exposure in stops and of the factors of layers, which is called in the thread that renders. The
 #: function returns the contents of the image's files: suffix -> content.
 Encoder = Callable[[float, Factors], dict[str, bytes]]
 
-#: Name of an action of the page -> the function that changes the requested view. Two numbers describe a camera motion.
-ACTIONS: dict[str, Callable[[Viewer, float, float], None]] = {
-    "home": lambda viewer, *_: viewer.go_home(),
-    "orbit": lambda viewer, x, y: viewer.move(lambda camera: camera.orbited(x, y)),
-    "pan": lambda viewer, x, y: viewer.move(lambda camera: camera.panned(x, y)),
-    "dolly": lambda viewer, x, _: viewer.move(lambda camera: camera.dollied(x)),
+#: Name of an action of the page -> the camera after it, or None for the camera of the scene file. Two numbers describe
+#: a motion.
+ACTIONS: dict[str, Callable[[Camera, float, float], Camera | None]] = {
+    "home": lambda camera, *_: None,
+    "orbit": Camera.orbited,
+    "pan": Camera.panned,
+    "dolly": lambda camera, x, _: camera.dollied(x),
 }
+
+#: Exception of a request -> status of the response.
+STATUS = {KeyError: 404, ValueError: 400, RuntimeError: 400}
 
 #: The host names by which a browser addresses this machine, directly or through a tunnel. Other names are refused,
 #: because a hostile site can make its own name resolve to this machine.
@@ -118,9 +122,13 @@ def served(viewer: Viewer, encode: Encoder, sock: socket.socket) -> Iterator[str
     and the socket are closed.
     """
     token = secrets.token_urlsafe(24)
-    routes = [Mount(f"/{token}", routes=Pages(viewer, encode).routes())]
+    app = Starlette(
+        routes=[Mount(f"/{token}", routes=Pages(viewer, encode).routes())],
+        middleware=[Middleware(BaseHTTPMiddleware, dispatch=guard(token))],
+        exception_handlers=dict.fromkeys(STATUS, refused),
+    )
     config = uvicorn.Config(
-        Starlette(routes=routes, middleware=[Middleware(BaseHTTPMiddleware, dispatch=guard(token))]),
+        app,
         log_config=None,
         log_level="critical",
         lifespan="off",
@@ -164,11 +172,17 @@ def guard(token: str) -> Callable[[Request, RequestResponseEndpoint], Any]:
     return dispatch
 
 
+def refused(_: Request, error: Exception) -> Response:
+    """Answers a request that has raised one of the exceptions in :data:`STATUS`."""
+    status = next(status for kind, status in STATUS.items() if isinstance(error, kind))
+    return PlainTextResponse(f"{error}\n", status)
+
+
 class Pages:
     """Answers the HTTP requests of the live page; ``encode`` makes the files that the user saves."""
 
     def __init__(self, viewer: Viewer, encode: Encoder) -> None:
-        self._viewer, self._publisher, self._encode = viewer, viewer.publisher, encode
+        self._viewer, self._encode = viewer, encode
 
     def routes(self) -> list[BaseRoute]:
         """Returns the routes of all requests that the page sends, and of its HTML, CSS and JavaScript files."""
@@ -186,19 +200,16 @@ class Pages:
         """Streams the state of the viewer: the current state at once, and a new state after each change."""
 
         async def stream() -> AsyncIterator[str]:
-            async for state in self._publisher.follow():
+            async for state in self._viewer.follow():
                 yield f"data: {json.dumps(asdict(state))}\n\n"
 
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     async def layer(self, request: Request) -> Response:
         """Returns the values of a layer, see :meth:`.Picture.packed`, after multiplication by the request's
-        :func:`factors`. The status is 404 without such a layer.
+        :meth:`factors`.
         """
-        picture, name = self._publisher.picture, request.path_params["layer"]
-        if picture is None or name not in picture.layers:
-            raise HTTPException(404)
-        mix = factors(request, picture)
+        picture, mix, name = self._viewer.latest(), self.factors(request), request.path_params["layer"]
         content, facts = await asyncio.to_thread(lambda: picture.mixed(mix).packed(name))
         return Response(content, media_type="application/octet-stream", headers=facts)
 
@@ -207,74 +218,51 @@ class Pages:
         object if there is no picture, or if it does not have this pixel.
         """
         x, y = (request.path_params[name] for name in "xy")
-        picture, (width, height) = self._publisher.picture, self._publisher.state.size
+        picture, (width, height) = self._viewer.picture, self._viewer.state.size
         if picture is None or not (x < width and y < height):
             return JSONResponse({})  # the page still shows a larger image
         surface = await self._call(lambda viewer: viewer.scene.surface_at(x, y) if viewer.scene is not None else "")
         return JSONResponse({"values": picture.at(x, y, (width, height)), "surface": surface})
 
     async def explain(self, request: Request) -> Response:
-        """Returns the page that explains a pixel, which may only run its own script; the status is 400 if it cannot be
-        explained.
-        """
+        """Returns the page that explains a pixel, which may only run its own script."""
         x, y = (request.path_params[name] for name in "xy")
-        try:
-            page = await self._call(lambda viewer: viewer.explanation(x, y))
-        except (ValueError, RuntimeError) as error:
-            return PlainTextResponse(f"{error}\n", 400)
-        return HTMLResponse(page, headers={"Content-Security-Policy": explanation_page.policy(page)})
+        page = await self._call(lambda viewer: viewer.explanation(x, y))
+        return HTMLResponse(page, headers={"Content-Security-Policy": explanation_page.POLICY})
 
     async def save(self, request: Request) -> Response:
-        """Returns the image as an EXR or PNG file, after multiplication by the request's :func:`factors`; the exposure
-        makes only the PNG brighter. The status is 404 without an image, and after an error of the scene.
+        """Returns the image as an EXR or PNG file, after multiplication by the request's :meth:`factors`; the exposure
+        makes only the PNG brighter.
         """
-        picture, suffix = self._publisher.picture, f".{request.path_params['suffix']}"
-        if picture is None or suffix not in (".exr", ".png"):
-            raise HTTPException(404)
-        exposure, mix = clamped_number(request, "exposure", 64.0), factors(request, picture)
-        try:
-            files = await self._call(lambda _: self._encode(exposure, mix))
-        except ValueError as error:
-            return PlainTextResponse(f"{error}\n", 404)
-        return Response(files[suffix], media_type="application/octet-stream")
+        exposure, mix = clamped_number(request, "exposure", 64.0), self.factors(request)
+        files = await self._call(lambda _: self._encode(exposure, mix))
+        return Response(files[f".{request.path_params['suffix']}"], media_type="application/octet-stream")
 
     async def act(self, request: Request) -> Response:
         """Schedules an action, one of :data:`ACTIONS`, for the thread that renders. The query parameters ``x`` and
-        ``y`` describe a camera motion. The status is 404 for an unknown action, and 400 for a factor that is not
-        positive.
+        ``y`` describe a camera motion.
         """
-        name = request.path_params["action"]
-        if name not in ACTIONS:
-            raise HTTPException(404)
-        x, y = (clamped_number(request, axis, 360.0) for axis in "xy")
-        if name == "dolly" and not x > 0:
-            raise HTTPException(400)
-        self._viewer.call(lambda viewer: ACTIONS[name](viewer, x, y))
+        motion, (x, y) = ACTIONS[request.path_params["action"]], (clamped_number(request, axis, 360.0) for axis in "xy")
+        self._viewer.call(lambda viewer: viewer.move(lambda camera: motion(camera, x, y)))
         return Response(status_code=204)
 
     async def _call(self, work: Callable[[Viewer], Any]) -> Any:
         return await asyncio.wrap_future(self._viewer.call(work))
 
-
-def factors(request: Request, picture: Picture) -> Factors:
-    """Returns the factors by which a request multiplies layers of ``picture`` that the integrator's parameter
-    ``layers`` requests, from the query parameters ``mix``, such as ``lights.lamp1=0.5``; raises HTTPException for wrong
-    ones.
-    """
-    try:
-        return parse_factors(request.query_params.getlist("mix"), [name for name in picture.layers if "." in name])
-    except ValueError:
-        raise HTTPException(400) from None
+    def factors(self, request: Request) -> Factors:
+        """Returns the factors by which a request multiplies layers of the picture that the integrator's parameter
+        ``layers`` requests, from the query parameters ``mix``, such as ``lights.lamp1=0.5``. Raises ValueError for
+        wrong ones, and without a picture.
+        """
+        names = [name for name in self._viewer.latest().layers if "." in name]
+        return parse_factors(request.query_params.getlist("mix"), names)
 
 
 def clamped_number(request: Request, name: str, limit: float) -> float:
-    """Returns the query parameter ``name`` as a number in [-limit, limit]; 0 if it is missing. Raises HTTPException if
-    it is not a finite number.
+    """Returns the query parameter ``name`` as a number in [-limit, limit]; 0 if it is missing. Raises ValueError if it
+    is not a finite number.
     """
-    try:
-        value = float(request.query_params.get(name, "0"))
-    except ValueError:
-        raise HTTPException(400) from None
+    value = float(request.query_params.get(name, "0"))
     if not isfinite(value):
-        raise HTTPException(400)
+        raise ValueError(f"{name} is {value}")
     return min(max(value, -limit), limit)

@@ -66,29 +66,6 @@ class State:
     movable: bool = False
 
 
-class Publisher:
-    """Holds the latest state and picture. Only one thread may call :meth:`publish`; any thread may read."""
-
-    def __init__(self, state: State) -> None:
-        self.state, self.closed = state, False
-        self.picture: Picture | None = None
-
-    def publish(self, picture: Picture | None = None, **changes: Any) -> None:
-        """Changes fields of the state, and replaces the picture unless ``picture`` is None."""
-        if picture is not None:
-            self.picture = picture
-            changes |= {"picture": picture.number, "layers": tuple(picture.layers)}
-        self.state = replace(self.state, **changes)
-
-    async def follow(self) -> AsyncIterator[State]:
-        """Yields the current state, and the latest state after each change, until the publisher is closed."""
-        last = None
-        while not self.closed:
-            if self.state is not last:
-                yield (last := self.state)
-            await asyncio.sleep(INTERVAL)
-
-
 #: Approximate duration of a work item in seconds. The viewer handles new requests between work items.
 SECONDS = 0.4
 #: The advice in the message about a black picture; {} is the exposure.
@@ -100,14 +77,16 @@ class Viewer:
     change of the scene's files.
 
     ``open_scene`` loads the scene. ``spp`` is the number of samples per pixel; 0 means that of the scene. Other threads
-    than the one that renders may use only :attr:`publisher`, :meth:`call`, whose functions may use all methods, and
-    :meth:`close`.
+    than the one that renders may read :attr:`state` and :attr:`picture`, and may use :meth:`latest`, :meth:`follow`,
+    :meth:`close` and :meth:`call`, whose functions may use all methods.
     """
 
     def __init__(
         self, path: Path, open_scene: Callable[[], LoadedScene], spp: int = 0, seed: int = 0, denoise: bool = False
     ) -> None:
-        self.publisher, self.watcher = Publisher(State(path.name)), SceneWatcher(path)
+        #: The latest state and picture, and whether the viewer was closed.
+        self.state, self.picture, self.closed = State(path.name), cast("Picture | None", None), False
+        self.watcher = SceneWatcher(path)
         #: The open scene; None if it could not be opened.
         self.scene: LoadedScene | None = None
         self._path, self._open_scene = path, open_scene
@@ -135,15 +114,27 @@ class Viewer:
         return self._thread.submit(work, self)
 
     def close(self) -> None:
-        """Ends the thread that renders, and the streams of states that the publisher sends to open pages."""
-        self.publisher.closed = True
+        """Ends the thread that renders, and the streams of states that open pages receive."""
+        self.closed = True
 
-    def go_home(self) -> None:
-        """Requests an image from the camera of the scene file."""
-        self.camera = None
+    async def follow(self) -> AsyncIterator[State]:
+        """Yields the current state, and the latest state after each change, until the viewer is closed."""
+        last = None
+        while not self.closed:
+            if self.state is not last:
+                yield (last := self.state)
+            await asyncio.sleep(INTERVAL)
 
-    def move(self, motion: Callable[[Camera], Camera]) -> None:
-        """Requests an image from the camera that ``motion`` returns for the current one, if the sensor can be moved."""
+    def latest(self) -> Picture:
+        """Returns the latest picture; raises ValueError if there is none."""
+        if self.picture is None:
+            raise ValueError("There is no image yet; try again when the page shows one.")
+        return self.picture
+
+    def move(self, motion: Callable[[Camera], Camera | None]) -> None:
+        """Requests an image from the camera that ``motion`` returns for the current one, if the sensor can be moved;
+        None is the camera of the scene file.
+        """
         if self._home is not None:
             self.camera = motion(self.camera or self._home)
 
@@ -151,27 +142,34 @@ class Viewer:
         """Returns ``(state, bitmap, image, reached)`` of the latest published picture.
 
         ``bitmap`` has all layers of the picture, multiplied by ``factors``. ``reached`` is a :class:`.Reached`; None
-        before the first sample. Raises ValueError if no picture has been published, and after an error of the scene.
+        before the first sample. Raises ValueError if there is no picture, and after an error of the scene.
         """
-        picture, image, channels = self.publisher.picture, self._image, dict[str, np.ndarray]()
-        if picture is None or image is None:
+        picture, image, channels = self.latest(), self._image, dict[str, np.ndarray]()
+        if image is None:
             raise ValueError("There is no image; save it when the page shows a new one.")
         for layer, values in picture.mixed(factors).layers.items():
             # The channels of the layer lights.lamp1 are lamp1.R, lamp1.G and lamp1.B; a map has one channel, error.Y.
             prefix = "" if layer == "final" else layer.rpartition(".")[2] + "."
             channels |= planes(prefix, values) if values.ndim == 3 else {prefix + "Y": values}
-        return self.publisher.state, of_channels(channels), image, self._reached
+        return self.state, of_channels(channels), image, self._reached
 
     def explanation(self, x: int, y: int) -> str:
         """Returns the HTML page that explains the pixel (x, y) of the image.
 
-        Raises the errors of :class:`.Samples`, and ValueError if no picture has been published.
+        Raises the errors of :class:`.Samples`, and ValueError if there is no picture.
         """
-        scene, picture = self.scene, self.publisher.picture
-        if scene is None or picture is None:
-            raise ValueError("There is no image yet; try again when the page shows one.")
+        picture, scene = self.latest(), self.scene
+        if scene is None:
+            raise ValueError("The scene could not be opened; try again when the page shows a new image.")
         seen = {"scene": scene.scene, "sensor": scene.sensor, "image": picture.layers["final"]}
         return explanation.page(scene.file, pixel=(x, y), spp=self._spp, seed=self._seed, **seen)
+
+    def publish(self, picture: Picture | None = None, **changes: Any) -> None:
+        """Changes fields of the state, and replaces the picture unless ``picture`` is None."""
+        if picture is not None:
+            self.picture = picture
+            changes |= {"picture": picture.number, "layers": tuple(picture.layers)}
+        self.state = replace(self.state, **changes)
 
     # ---------------------------------------------------------------- rendering the requested image
 
@@ -181,7 +179,7 @@ class Viewer:
         gc.freeze()  # later garbage collections then visit only younger objects
         try:
             with self._thread:
-                while not self.publisher.closed:
+                while not self.closed:
                     self._thread.submit(self._advance).result()
                     if self._idle:
                         time.sleep(INTERVAL)
@@ -200,7 +198,7 @@ class Viewer:
     def _advance(self) -> None:
         """Does the next piece of work for the current request, if there is any."""
         try:
-            if not self.publisher.state.opened or self.watcher.changed():
+            if not self.state.opened or self.watcher.changed():
                 self._open()
             elif self.scene is None:  # the scene could not be opened
                 self._shown = self.camera
@@ -221,7 +219,7 @@ class Viewer:
         """
         # Dr.Jit's kernels contain the materials of all loaded scenes, so the previous scene must be deleted first.
         self.scene = self._image = None
-        self.publisher.publish(status="opening", opened=self.publisher.state.opened + 1)
+        self.publish(status="opening", opened=self.state.opened + 1)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", prosim_scene.SceneWarning)
             scene = self._open_scene()
@@ -234,7 +232,7 @@ class Viewer:
         elif self.camera is not None:
             scene.look(self.camera)
         names = {key: name for key, (name, _) in scene.places.items()}
-        self.publisher.publish(warnings=messages, size=scene.size, movable=scene.home is not None, names=names)
+        self.publish(warnings=messages, size=scene.size, movable=scene.home is not None, names=names)
         self._begin(scene)
 
     def _begin(self, scene: LoadedScene) -> None:
@@ -273,7 +271,7 @@ class Viewer:
         picture of an image, the previous picture remains.
         """
         reached = self._reached
-        self.publisher.publish(
+        self.publish(
             image.picture,
             status="done" if self._done else "rendering",
             progress=image.progress,
@@ -292,4 +290,4 @@ class Viewer:
         if self.scene is None:
             self.watcher.failed()
         status, shown = ("missing", None) if missing else ("failed", with_line(words, self._path))
-        self.publisher.publish(status=status, error=shown)
+        self.publish(status=status, error=shown)

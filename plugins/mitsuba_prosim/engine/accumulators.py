@@ -88,9 +88,15 @@ class Accumulators:
         return Accumulators(dr.gather(double(), self.sums, index), *dr.gather(tuple, self.others, pixel))
 
     def store(self, pixel: mi.UInt32, values: Accumulators) -> None:
-        """Replaces the accumulators of some pixels of an image by ``values``."""
-        for mine, new in ((self.sums, packets()(values.sums)), *zip(self.others, values.others)):
-            dr.scatter(mine, new, pixel, mode=dr.ReduceMode.NoConflicts)
+        """Replaces the accumulators of some pixels of an image by ``values``, the result of
+        :meth:`.Estimator.accumulate`.
+        """
+        rows = len(values.count) // len(pixel)
+        lane = dr.arange(mi.UInt32, len(values.count))
+        row, pixel = lane % rows, dr.gather(mi.UInt32, pixel, lane // rows)
+        dr.scatter(self.sums, packets()(values.sums), pixel * rows + row, mode=dr.ReduceMode.NoConflicts)
+        for mine, new in zip(self.others, values.others):
+            dr.scatter(mine, new, pixel, row == 0, mode=dr.ReduceMode.NoConflicts)
         dr.eval(self)
 
 

@@ -51,7 +51,8 @@ class Derivatives:
             for pixel, t, count in self.lanes():
                 x, y = dr.gather(tuple, region, pixel)
                 values, _, position = self.estimator.sample(self.plan, x, y, t)
-                weights = [weight * dr.rcp(mi.Float(count)) for weight in self.estimator.weights(position)]
+                share = dr.rcp(mi.Float(count))
+                weights = [weight * share for row in offsets for weight in self.estimator.weights(position, row)]
                 targets = [index_of(x + column, y + row) for row in offsets for column in offsets]
                 splats = zip(weights, targets)
                 yield values, [(dr.select(seen, w, 0), dr.select(seen, index, 0)) for w, (index, seen) in splats]
@@ -64,8 +65,10 @@ class Derivatives:
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         for first in range(0, int(ends[-1]), LANES):
-            places = (np.clip(lane - ends + self.counts, 0, self.counts) for lane in (first, first + LANES))
-            _, pixel, t = lanes(*(dr_array(place.astype(np.uint32)) for place in places))
+            last = min(first + LANES, int(ends[-1]))
+            places = (np.clip(lane - ends + self.counts, 0, self.counts) for lane in (first, last))
+            begin, end = (dr_array(place.astype(np.uint32)) for place in places)
+            _, pixel, t = lanes(begin, end, last - first)
             yield pixel, t, dr.gather(mi.UInt32, dr_array(self.counts), pixel)
 
     @denormals_rounded()

@@ -93,25 +93,27 @@ class Estimator:
         values = [dr.select(dr.abs(v) < DARKEST, 0, v) for v in (*values, *others, *aovs)]
         return values, luminance(L, ray.wavelengths), position
 
-    def weights(self, position: mi.Point2f) -> list[mi.Float]:
-        """Returns the filter weights of a sample at ``position``, for its own pixel and for the pixels around it.
+    def weights(self, position: mi.Point2f, row: int | mi.Int32) -> list[mi.Float]:
+        """Returns the filter weights of a sample at ``position``, for the pixels of one row around its own pixel.
 
-        The weights are ordered row by row. ``position`` is relative to the upper left corner of the sample's pixel. For
-        a box filter, the only weight is 1, that of the sample's own pixel.
+        ``position`` is relative to the upper left corner of the sample's pixel. ``row`` is relative to the row of this
+        pixel. For a box filter, the only weight is 1, that of the sample's own pixel.
         """
         if self.rfilter.is_box_filter():
             return [mi.Float(1)]
-        offsets = range(-self.reach, self.reach + 1)
-        across = [self.rfilter.eval(k + 0.5 - position.x) for k in offsets]
-        down = [self.rfilter.eval(k + 0.5 - position.y) for k in offsets]
-        return [wx * wy for wy in down for wx in across]
+        down = self.rfilter.eval(row + 0.5 - position.y)
+        return [self.rfilter.eval(k + 0.5 - position.x) * down for k in range(-self.reach, self.reach + 1)]
 
-    def accumulate(self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32) -> Accumulators:
+    def accumulate(
+        self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, samples: int
+    ) -> Accumulators:
         """Adds samples to the sums ``start`` of the pixels (x, y), and returns the new sums.
 
-        Each pixel gets samples until it has ``end`` samples. In the first kernel, each lane takes one sample; adjacent
-        lanes take samples of the same pixel, because similar rays are traced faster. In the second kernel, each lane
-        adds the samples of one pixel in the order of their numbers. The luminance of a sample is limited to
+        Each pixel gets samples until it has ``end`` samples, ``samples`` for all pixels together. In the first kernel,
+        each lane takes one sample; adjacent lanes take samples of the same pixel, because similar rays are traced
+        faster. In the second kernel, each lane adds the samples of one pixel in the order of their numbers, to the sums
+        for one row of the pixels within the filter's reach: a kernel with the sums of all rows would take long to
+        compile. The result has one entry per lane of the second kernel. The luminance of a sample is limited to
         :data:`BRIGHTEST`; the film's sums are not limited.
         """
         # Dr.Jit shares equal expressions within a scope. In a scope of its own, a kernel does not depend on what was
@@ -119,45 +121,51 @@ class Estimator:
         dr.detail.new_scope(dr.backend_v(mi.Float))
         n, Double = plan.n, double()
         brightest = BRIGHTEST if Double is mi.Float else BRIGHTEST**2
-        first, pixel, t = lanes(start.count, end)
+        first, pixel, t = lanes(start.count, end, samples)
         x, y, seed = dr.gather(tuple, (x, y, plan.seed), pixel)
         values, Y, position = self.sample(replace(plan, seed=seed), x, y, t)
         if self.rfilter.is_box_filter():
             position = mi.Point2f(0.5)  # so that the positions, which nothing needs, are not stored
-        samples = values, dr.clip(Y, -brightest, brightest), position
-        dr.eval(samples)
+        taken = values, dr.clip(Y, -brightest, brightest), position
+        dr.eval(taken)
+
+        rows = 2 * self.reach + 1
+        lane = dr.arange(mi.UInt32, rows * len(end))
+        pixel, row = lane // rows, lane % rows
+        first, begin, end = dr.gather(tuple, (first, start.count, end), pixel)
 
         def step(sums: Accumulators) -> tuple[Accumulators]:
-            """Adds one sample to the sums of each pixel."""
-            values, Y, position = dr.gather(tuple, samples, first + (sums.count - start.count))
-            weights = self.weights(position)
-            in_pass = sums.in_pass + Double(Y)
+            """Adds one sample to the sums of each lane."""
+            values, Y, position = dr.gather(tuple, taken, first + (sums.count - begin))
+            weights = self.weights(position, mi.Int32(row) - self.reach)
+            Y, in_pass = Double(Y), sums.in_pass + Double(Y)
             last = (sums.count + 1) % n == 0
             sums = Accumulators(
                 [s + w * v for s, (w, v) in zip(sums.sums, product(weights, values))],
-                sums.total + Double(Y),
-                sums.squares + dr.square(Double(Y)),
+                sums.total + Y,
+                sums.squares + dr.square(Y),
                 sums.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
                 dr.select(last, 0, in_pass),
                 sums.count + 1,
             )
             return (sums,)
 
-        sums = replace(start, sums=start.film_sums(dr.arange(mi.UInt32, len(end)), 0, self.sums_per_pixel))
+        of_row = start.film_sums(pixel, row, self.sums_per_pixel // rows)
+        sums = Accumulators(of_row, *dr.gather(tuple, start.others, pixel))
         return dr.while_loop((sums,), lambda sums: sums.count < end, step, labels=("sums",), max_iterations=-1)[0]
 
 
-def lanes(begin: mi.UInt32, end: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
+def lanes(begin: mi.UInt32, end: mi.UInt32, samples: int) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
     """Assigns a lane to each sample of several pixels: to those from number ``begin`` to ``end`` - 1 of each pixel.
 
-    Returns ``(first, pixel, t)``: the first lane of each pixel, and the pixel and the number of the sample of each
-    lane. A pixel's lanes are adjacent.
+    ``samples`` is the number of all these samples. Returns ``(first, pixel, t)``: the first lane of each pixel, and the
+    pixel and the number of the sample of each lane. A pixel's lanes are adjacent.
     """
-    number = end - begin
-    first = dr.prefix_sum(number)
-    total = dr.opaque(mi.UInt32, int((first + number)[-1]))  # a constant would be a part of the kernel
-    pixel = dr.zeros(mi.UInt32, total[0])
+    first = dr.prefix_sum(end) - dr.prefix_sum(begin)  # modulo 2^32, as are the sums
+    total = dr.opaque(mi.UInt32, samples)  # a constant would be a part of the kernel
+    pixel = dr.zeros(mi.UInt32, samples)
     dr.scatter_add(pixel, 1, first, first < total, mode=dr.ReduceMode.Direct)
+    dr.eval(first, pixel)  # in one kernel
     pixel = dr.cumsum(pixel) - 1
     before, begins = dr.gather(tuple, (first, begin), pixel)
-    return first, pixel, dr.arange(mi.UInt32, len(pixel)) - before + begins
+    return first, pixel, dr.arange(mi.UInt32, samples) - before + begins

@@ -41,7 +41,7 @@ class Image(PixelSet):
         #: The rectangle of the pixels in the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)
         self.own, (self.x, self.y) = slice(0, area(self.outer)), pixels(self.outer)
-        self.seed = plan.seed + dr.zeros(mi.UInt32, area(self.outer))
+        self.seed = dr_array(np.full(area(self.outer), plan.seed))
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         #: The last measurement by :class:`.SecondImage`, see :data:`Noise`.
         self.noise: Noise = (float("nan"),) * 3

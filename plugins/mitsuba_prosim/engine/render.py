@@ -241,7 +241,8 @@ class Render(Steps):
             deviation = 0.5 * concentration(values**2) ** 0.5  # of the RMS, relative
         # The reconstruction filter multiplies the variance by the sum of its squared weights. On each axis, the sample
         # is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.
-        weights = np.array(dr.concat(state.estimator.weights(mi.Point2f(0.25))))
+        rows = dr.arange(mi.Int32, -state.estimator.reach, state.estimator.reach + 1)
+        weights = np.array(dr.concat(state.estimator.weights(mi.Point2f(0.25), rows)))
         result = float(np.sqrt(np.mean(values**2)) * np.linalg.norm(weights) / np.sum(weights))
         known = state.counts.min() > 1 and mean(state.counts) >= FEW and np.isfinite(result) and deviation <= KNOWN
         return result * (1 + 1.645 * deviation) if known else float("nan")

@@ -88,7 +88,7 @@ class WorkItem:
                 # All samples of a work item need the same photon pass, that of the last sample.
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)
                 caustics.use_pass(self.plan.photon_seed, number, self.plan.n)
-            sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end)
+            sums = self.estimator.accumulate(self.plan, self.x, self.y, self.start, self.end, self.samples)
             self.store(sums)
         return sums
 

@@ -33,7 +33,7 @@ from .symbols import Symbols
 #: The largest number of nodes of a CSG tree that the server evaluates; ``prosim translate --check`` has no limit.
 LARGEST = 1000
 #: The delay in seconds between the last keystroke and the next analysis of the text.
-DELAY = 0.03
+DELAY = 0.01
 #: The number of new objects after which Python searches for garbage. The objects of a text have no reference cycles, so
 #: Python frees them without a search, which would take a quarter of the time of a keystroke.
 COLLECTION = 1_000_000

@@ -5,21 +5,12 @@ import re
 from collections.abc import Collection, Iterable
 
 from .diagnostics import MAX_QUOTE, listing, quote
-from .words import ALIASES, NAMED, ROLES, SUGGESTIONS, canonical_spelling, normalise, spellings_of
+from .words import ALIASES, MARK_HINTS, NAMED, ROLES, SUGGESTIONS, canonical_spelling, normalise, spellings_of
 
+#: How braces are used.
+BRACES = MARK_HINTS["[{}]"]
 #: A number. Each digit can match in one way only, so the time of a match is linear in the length of the text.
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-BRACES = "braces hold arithmetic, as in {360 * $frame / 48}; vectors and blocks have no braces"
-#: Pattern of a mark of another language, at its beginning in the text -> the equivalent in this language.
-MARK_HINTS = {
-    r"<[?!/]|<[\w]*[^\W\d]": "this is XML; expected a scene in this language, or a file name that ends in .xml",
-    r"--|[%!]|[^\s()]*(?://|/\*)": "expected a comment to begin with #, or to be in parentheses",
-    r"[^\s;]*;[^\S\n]*(?:$|#|//)": "a statement does not end with a mark",
-    r"[<\[]": "expected numbers that only spaces separate, without brackets, as in 1 2 3",
-    r"[{}]": BRACES,
-    r"[-+.e\d]*[,;]": "expected numbers that only spaces separate, as in 1 2 3, and a decimal point, as in 0.5",
-    r"[-+.\d]+[x×][-+.\d]+": "expected numbers that only spaces separate, as in 320 240",
-}
 #: Matches an arithmetic operator, or the `$` of a name; not the sign of a number or of its exponent.
 ARITHMETIC = re.compile(r"[*/^$]|^[-+]$|(?<=[\d.])[-+]")
 

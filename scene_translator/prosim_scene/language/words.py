@@ -5,7 +5,7 @@ textures.
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -107,6 +107,7 @@ class Word:
     """A word of the language: one row of ``words.txt``, which explains the columns.
 
     ``statement`` is the heading above the row in ``words.txt``, such as "LIGHTS". English ``spellings`` come first.
+    ``defaults`` has the default of a pattern's parameter for each kind of pattern.
     """
 
     statement: str
@@ -116,6 +117,7 @@ class Word:
     numbers: Numbers
     kinds: tuple[str, ...]
     meaning: str
+    defaults: Mapping[str, Any]
 
     @property
     def canonical(self) -> str:
@@ -135,10 +137,13 @@ def _table() -> dict[str, list[list[str]]]:
     return table
 
 
-def _word(
-    heading: str, meaning: str, role: str, spellings: str, name: str = "", numbers: str = "", kinds: str = ""
-) -> Word:
-    return Word(heading, role, tuple(_all_spellings(spellings)), name, _numbers(numbers), tuple(kinds.split()), meaning)
+def _word(heading: str, meaning: str, role: str, spellings: str, *cells: str) -> Word:
+    name, numbers, kinds, defaults = [*cells, "", "", "", ""][:4]
+    allowed, of, texts = _numbers(numbers), tuple(kinds.split()), defaults.split(", ") if defaults else []
+    values = {kind: allowed.value([*map(allowed.parse, text.split())]) for kind, text in zip(of, texts)}
+    if texts:
+        meaning += " Default: " + " or ".join(texts) + "."
+    return Word(heading, role, tuple(_all_spellings(spellings)), name, allowed, of, meaning, values)
 
 
 #: The English and the Portuguese spellings of each word and name that has both, the main spelling first.
@@ -192,6 +197,8 @@ TOKEN_NAMES = {role: text for _, role, text in TABLE["tokens"]}
 TOKEN_MEANINGS = {role: meaning for meaning, role, _ in TABLE["tokens"] if meaning}
 #: Word of another scene language -> a hint, the equivalent in this language.
 SUGGESTIONS = {word: text for text, words in TABLE["suggestions"] for word in words.split()}
+#: Pattern of a mark of another language, at its beginning in the text -> a hint, the equivalent in this language.
+MARK_HINTS = dict(TABLE["marks"])
 
 
 def normalise(word: str) -> str:

@@ -11,32 +11,16 @@ from typing import Any
 import numpy as np
 
 from ..geometry.solids import matrices
+from ..language.words import BUILT_IN, words_of
 from ..model import Leaf, Scene, Texture
 from ..nodes import Node, rgb, rgb_clipped
 from .translation_context import Context
 
 #: Kind of a pattern -> the defaults of its parameters. Colours are factors of ka and kd. Lengths are in (u, v) on a
 #: surface, and in the primitive's own space in a solid.
-DEFAULTS: dict[str, dict[str, Any]] = {
-    # 12 bricks with their joints along u and 26 rows along v, so the pattern has no visible seam.
-    "brick": {
-        "brick": (1.0, 0.7, 0.6),
-        "mortar": (1.4, 1.5, 1.8),
-        "brick_width": 1 / 12 - 1 / 250,
-        "brick_height": 1 / 26 - 1 / 250,
-        "mortar_width": 1 / 250,
-        "stagger": 0.5,
-    },
-    "stripes": {"color0": (1.0, 1.0, 1.0), "color1": (0.35, 0.35, 0.35), "frequency": 6.0, "duty": 0.5},
-    "fractal": {
-        "color0": (0.5, 0.5, 0.5),
-        "color1": (1.2, 1.2, 1.2),
-        "scale": 4.0,
-        "octaves": 6,
-        "gain": 0.5,
-        "lacunarity": 2.0,
-        "seed": 0,
-    },
+DEFAULTS = {
+    kind: {word.name: word.defaults[kind] for word in words_of("PARAMETER") if kind in word.defaults}
+    for kind in BUILT_IN.values()
 }
 #: The default direction across the stripes: v on a surface (False), z (a cylinder's axis) in a solid (True).
 STRIPES_AXIS = {False: (0.0, 1.0, 0.0), True: (0.0, 0.0, 1.0)}

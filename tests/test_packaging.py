@@ -33,7 +33,7 @@ def test_wheel(tmp_path):
         assert built.read("mitsuba_prosim_llvm.pth") == STARTUP.read_bytes()
         (metadata,) = (name for name in names if name.endswith(".dist-info/METADATA"))
         assert index_readme(README, None) in built.read(metadata).decode()
-    assert {"mitsuba_prosim/py.typed", "prosim_scene/py.typed", "mitsuba_prosim/stock_command/stand_in.c"} <= names
+    assert {"mitsuba_prosim/py.typed", "prosim_scene/py.typed"} <= names
     folders = {name.split("/")[0] for name in names if ".dist-info" not in name}
     assert folders == {"mitsuba_prosim", "prosim_start", "prosim_scene", "mitsuba_prosim_llvm.pth"}
     sources = {

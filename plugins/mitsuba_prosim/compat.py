@@ -17,6 +17,7 @@ import threading
 from collections import Counter
 from collections.abc import Collection, Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import drjit as dr
@@ -268,16 +269,9 @@ RESERVED = ("config", "filename")
 MATERIAL_FILES = ("data/ior/{}.eta.spd", "data/ior/{}.k.spd")
 
 
-#: The plugins of Mitsuba 3.9 that are written in Python, which the command ``mitsuba`` can't run.
-PLUGINS_IN_PYTHON = (
-    "prb",
-    "prb_basic",
-    "prb_projective",
-    "prbvolpath",
-    "direct_projective",
-    "volprim_rf_basic",
-    "flat_sensor",
-)
+def native_plugins() -> set[str]:
+    """Returns the names of Mitsuba's plugins that are not written in Python."""
+    return {path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES}
 
 
 #: The plugins of Mitsuba 3.9 that end the process without a message unless they have one of these parameters.

@@ -17,7 +17,7 @@ COMMANDS = {
     "explain": ("mitsuba_prosim.cli.pages:explain", "Explain why a pixel of a scene has its value."),
     "format": ("mitsuba_prosim.cli.translate:format_scene", "Rewrite scenes in canonical layout."),
     "language-server": ("prosim_scene.editor.language_server:language_server", "Help an editor with scenes."),
-    "link": ("mitsuba_prosim.stock_command.stand_ins:link", "Let the mitsuba command run plugins in Python."),
+    "link": ("mitsuba_prosim.stock_command.link:link", "Let the mitsuba command run plugins in Python."),
     "merge": ("mitsuba_prosim.cli.render_commands:merge", "Merge the separately rendered parts of an image."),
     "mix": ("mitsuba_prosim.cli.mix:mix", "Dim and colour the lamps of a rendered image."),
     "render": ("mitsuba_prosim.cli.render_commands:render", "Render a scene to an EXR and a PNG image."),

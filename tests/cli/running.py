@@ -1,18 +1,14 @@
 """Scenes for the ``prosim`` command, running it within the test, and looking at what it wrote."""
 
 import os
-import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import OpenEXR
-import pytest
 from click.testing import CliRunner
 from mitsuba_prosim.cli.terminal import Progress
-from mitsuba_prosim.stock_command import stand_ins
 from prosim_start import group
 
 PALITO = Path(__file__).parents[2] / "examples" / "palito.scn"
@@ -43,12 +39,6 @@ def scene_text(integrator=PATH, content=CONSTANT, width=12, height=8, sampler="n
 PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
 XML = scene_text()
 LAMP = scene_text(ADAPTIVE_PATH, LIT_FLOOR, 32, 24)
-
-
-#: Marks tests of the stand-ins of plugins.
-compiled = pytest.mark.skipif(
-    sys.platform != "linux" or not shutil.which(stand_ins.compiler()[0]), reason="needs a C compiler, on Linux"
-)
 
 
 def prosim(*arguments):

@@ -5,13 +5,12 @@ import sys
 
 import mitsuba as mi
 import numpy as np
-import pytest
 from mitsuba_prosim import llvm
 from mitsuba_prosim.scene import session
-from mitsuba_prosim.stock_command import stand_ins
+from mitsuba_prosim.stock_command import link
 from prosim_scene import extras
 from prosim_start import group
-from running import PALITO, compiled, done, metadata, names, pixels, prosim, refused
+from running import PALITO, done, metadata, names, pixels, prosim, refused
 
 
 def test_render_of_xml_imports_no_translator(scene):
@@ -51,20 +50,6 @@ def test_translate_writes_all_or_nothing(palito):
     assert printed == f"{palito.with_suffix('.xml')}\n"
     assert names(palito.parent) == ["listing-meshes", "listing.scn", "listing.xml"]
     assert 'type="prosim' not in palito.with_suffix(".xml").read_text()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the stand-ins exist for Linux only")
-def test_doctor_reports_missing_stand_ins_in_one_line(palito, monkeypatch, tmp_path_factory):
-    """As where the package comes from a wheel. Nothing at all is no trouble, some are."""
-    folder = tmp_path_factory.mktemp("plugins")
-    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: folder)
-    monkeypatch.setattr(llvm, "problem", lambda: None)
-    assert "prosim link" in prosim("translate", palito).stderr
-    assert "to enable this: prosim link" in done("doctor").stdout
-    (folder / "nrook.so").write_bytes(stand_ins.MARK)
-    assert "prosim link" not in prosim("translate", palito).stderr
-    result = prosim("doctor")
-    assert result.exit_code == 1 and "can't run direct_projective, " in result.stdout
 
 
 def test_unknown_commands(palito):
@@ -114,21 +99,15 @@ def test_doctor(monkeypatch):
     assert "compare needs no_such_module; to get it: pip install 'mitsuba-prosim[compare]'" in printed
 
 
-@compiled
-def test_link_and_unlink(tmp_path, monkeypatch):
-    """The plugins of Mitsuba stay."""
-    (tmp_path / "path.so").write_bytes(b"Mitsuba's own")
-    monkeypatch.setattr(stand_ins, "plugin_folder", lambda: tmp_path)
-    for _ in range(2):
-        done("link")
-    linked = {*names(tmp_path)} - {"path.so"}
-    assert {"prosim_conductor", "nrook", "prb"} <= set(stand_ins.installed()) == {name[:-3] for name in linked}
+def test_link_and_unlink(palito, linked, monkeypatch):
+    """The script stays executable. It works without this package, too."""
+    before, mode = linked.read_text(), linked.stat().st_mode
+    done("link")
+    assert linked.read_text() == before and linked.stat().st_mode == mode and "except ImportError" in before
+    assert "runs plugins in Python" in done("doctor").stdout and "link" not in prosim("translate", palito).stderr
     done("link", "--remove")
-    assert names(tmp_path) == ["path.so"]
-
-
-@pytest.mark.parametrize("compiler", ["/nowhere/cc", "false"])
-def test_compiler_that_fails(compiler, tmp_path, monkeypatch):
-    monkeypatch.setenv("CC", compiler)
-    with pytest.raises(RuntimeError, match="the C compiler failed"):
-        stand_ins.compile_stand_in(tmp_path / "a.so")
+    assert link.THEIRS in linked.read_text().splitlines()
+    assert "to enable this: prosim link" in done("doctor").stdout
+    assert "prosim link" in prosim("translate", palito).stderr
+    monkeypatch.setattr(link, "script", lambda: None)
+    assert "use prosim render" in prosim("link").stderr

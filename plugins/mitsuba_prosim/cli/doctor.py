@@ -11,16 +11,15 @@ from prosim_scene import extras
 
 from .. import llvm
 from ..scene import session
-from ..stock_command import stand_ins
+from ..stock_command.link import is_linked
 
 
 @click.command()
 def doctor() -> None:
     """Print versions, variants, LLVM, extras, the state of the `mitsuba` command, and remedies for problems.
 
-    The exit code is 1 if there are problems, else 0.
+    The exit code is 1 if there is a problem, else 0.
     """
-    problems = []
     row("Python", f"{platform.python_version()}, {sys.executable}")
     for name in ("mitsuba-prosim", "mitsuba", "drjit", "numpy", "OpenEXR", "manifold3d"):
         row(name, version(name))
@@ -34,28 +33,15 @@ def doctor() -> None:
 
     llvm_version = llvm.version()
     row("LLVM", f"{'.'.join(map(str, llvm_version))}, {llvm.library()}" if llvm_version else "none")
-    if problem := llvm.problem():
-        problems.append(problem)
-
-    if sys.platform == "linux":
-        installed = stand_ins.installed()
-        if not installed:
-            row("mitsuba", "the mitsuba command can't run plugins in Python; to enable this: prosim link")
-        elif missing := sorted(set(stand_ins.plugin_names()) - set(installed)):
-            problems.append(f"The mitsuba command can't run {', '.join(missing)} (prosim render can). Run: prosim link")
-        else:
-            row("mitsuba", f"{len(installed)} stand-ins for plugins in Python in {stand_ins.plugin_folder()}")
-    else:
-        row("mitsuba", "the mitsuba command runs plugins in Python on Linux only; use prosim render")
+    linked = "runs plugins in Python" if is_linked() else "can't run plugins in Python; to enable this: prosim link"
+    row("mitsuba", f"the mitsuba command {linked}")
 
     for extra in sorted(extras.EXTRAS):
         row(extra, extras.needs("", extra).strip() if extras.missing(extra) else "ready")
 
-    for problem in problems:
-        click.echo(f"\n{problem}")
-    if not problems:
-        click.echo("\nAll is well.")
-    sys.exit(bool(problems))
+    problem = llvm.problem()
+    click.echo(f"\n{problem or 'All is well.'}")
+    sys.exit(bool(problem))
 
 
 def row(label: str, text: str) -> None:

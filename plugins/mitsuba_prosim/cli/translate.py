@@ -7,7 +7,7 @@ from typing import Any
 import click
 import prosim_scene
 
-from ..stock_command import stand_ins
+from ..stock_command.link import is_linked, script
 from .files import FOREIGN
 from .job import Command, Job, job_options
 from .option_types import LANGUAGE_FILE, input_errors, option
@@ -37,7 +37,7 @@ def translate(job: Job, target: str, check: bool) -> None:
             prosim_scene.check(job.scene, **options)
             return
         click.echo(prosim_scene.translate(job.scene, folder, **options))
-    if target == "prosim" and sys.platform == "linux" and not stand_ins.installed():
+    if target == "prosim" and script() and not is_linked():
         click.echo("Render it by prosim render; for the mitsuba command, run once: prosim link", err=True)
 
 

@@ -11,7 +11,7 @@ import mitsuba as mi
 import prosim_scene
 
 from .. import registry
-from ..compat import LIBRARIES, NOT_FOUND, PLACE, TAGS
+from ..compat import NOT_FOUND, PLACE, TAGS, native_plugins
 from .session import message
 
 
@@ -52,9 +52,8 @@ def with_suggestion(words: str) -> str:
     found = NOT_FOUND.search(words)
     if found is None:
         return words
-    native = [path.stem for path in Path(mi.__file__).parent.glob("plugins/*") if path.suffix in LIBRARIES]
     kind_of, kind = mi.PluginManager.instance().plugin_type, TAGS.get(found[1], found[1])
-    for near in difflib.get_close_matches(found[2], {*native, *registry.PLUGINS}, n=9):
+    for near in difflib.get_close_matches(found[2], native_plugins() | set(registry.PLUGINS), n=9):
         if kind in ("unknown", kind_of(near).name.lower()):
             return f"{words[: found.end()]} Did you mean {near}?{words[found.end() :]}"
     return words

@@ -286,6 +286,24 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
+@pytest.mark.parametrize("around", ["{}", '<integrator type="prosim_adaptive">{}</integrator>'])
+@pytest.mark.parametrize("plugin", ["path", "volpath", "ptracer"])
+def test_paths_keep_the_depth_of_the_integrator(scene, variant_rgb, plugin, around):
+    """With ``max_depth`` 2, light is reflected once, which is level 0 of prosim; the user's level has precedence."""
+
+    def level(depth, **options):
+        number = f'<integer name="max_depth" value="{depth}"/>'
+        text = around.format(f'<integrator type="{plugin}">{number}</integrator>')
+        scene.write_text(scene_text(text, LIT_FLOOR))
+        parameters = Job(paths=True, **options).integrator
+        return scene_file.SceneFile(scene, scene.parent, integrator=parameters).load().integrator().max_level
+
+    assert [level(depth) for depth in (2, 3, 8, -1)] == [0, 1, 6, -1]
+    assert level(8, max_level=-1) == -1 and level(1, max_level=3) == 3
+    with pytest.raises(ValueError, match="max_depth 1 allows no reflection"):
+        level(1)
+
+
 @pytest.mark.parametrize("nested", ["path", "prosim", "prosim_adaptive", "aov"])
 def test_target_goes_to_the_integrator_that_prosim_denoised_nests(scene, variant_rgb, nested):
     inner = "" if nested in ("path", "prosim") else '<integrator type="path"/>'

@@ -131,12 +131,12 @@ class Job:
         """Parameters for the scene's integrator: name -> new value; the value None removes a parameter.
 
         With a limit of noise or time, the policy ``adaptive`` is "graded" unless the job sets it. The field ``paths``
-        sets the parameters of path tracing; ``max_level`` then replaces the unlimited depth.
+        sets the parameters of path tracing.
         """
         parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in parameters for name in TARGETS):
             parameters.setdefault("adaptive", "graded")
-        return ({"diffuse_bounces": -1, "max_level": -1, "ambient": None} if self.paths else {}) | parameters
+        return ({"diffuse_bounces": -1, "ambient": None} if self.paths else {}) | parameters
 
     @property
     def language(self) -> dict[str, Any]:

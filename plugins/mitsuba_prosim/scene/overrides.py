@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias
 
 import mitsuba as mi
@@ -44,9 +44,9 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     None. ``parameters`` are new values for parameters of the integrator; None deletes a parameter. Parameters of
     sampling, such as ``samples``, are set for the outermost integrator; those in :data:`WRAPPING`, such as ``noise``,
     first nest an integrator of Mitsuba in ``prosim_adaptive``. All others are set for every integrator ``prosim``; if
-    there is none, ``diffuse_bounces`` replaces the scene's integrator by ``prosim``. A scene without an integrator
-    first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has
-    the parameters.
+    there is none, ``diffuse_bounces`` replaces the scene's integrator by ``prosim``, with the same ``max_depth``. A
+    scene without an integrator first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this
+    size, or if no integrator has the parameters.
     """
     if resolution or crop:
         _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
@@ -62,24 +62,15 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     if integrators and integrators[0].props.plugin_name() == "prosim_denoised":
         integrators = integrators[1:]  # the nested one, which takes the samples
     if others and not ours and integrators and "diffuse_bounces" in others:
-        node = integrators[0]
-        before, node.props = mi.Properties(node.props), mi.Properties("prosim")
-        kept = (*SAMPLING, "aovs", "channels", "hide_emitters")
-        _set(node.props, [(name, before[name]) for name in kept if name in before])
-        ours, replaced = [node.props], f"prosim in place of {before.plugin_name()}"
+        replaced = _replace(integrators, others)
+        ours = [integrators[0].props]
     if others and not ours:
         raise ValueError(
             f"only the integrator prosim has {option_names(others)}; this scene's is {named}, which --paths (in Python "
             '{"diffuse_bounces": -1}) replaces by prosim'
         )
     for props in ours:
-        _set(props, others.items())
-        level, follows_paths = others.get("max_level", 0), props.get("diffuse_bounces", 0) != 0
-        if not (follows_paths or 0 <= level <= DEEPEST_TREE):
-            raise ValueError(
-                f"--max-level {level}: a ray tree has 0 to {DEEPEST_TREE} levels; more, and -1 for all, "
-                'go with --paths (in Python {"diffuse_bounces": -1})'
-            )
+        _change_prosim(props, others)
     if not sampling or not integrators:
         return replaced
     props = mi.Properties(integrators[0].props)  # the parser puts an object before the objects nested in it
@@ -97,6 +88,36 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     outer, inner = next(node for node in _integrators(state) if node.props.plugin_name() == plugin), state.nodes[-1]
     outer.props, inner.file_index, inner.offset = wrapper, outer.file_index, outer.offset
     return f"{plugin} within prosim_adaptive"
+
+
+def _replace(integrators: Sequence[mi.parser.SceneNode], parameters: dict[str, Any]) -> str:
+    """Replaces the first of ``integrators`` by ``prosim``, and returns this in words. A ``max_depth`` becomes a
+    ``max_level`` of ``parameters``, unless they have one; ValueError if it allows no reflection.
+    """
+    before = mi.Properties(integrators[0].props)
+    depth = next((node.props["max_depth"] for node in integrators if "max_depth" in node.props), -1)
+    if 0 <= depth < 2 and "max_level" not in parameters:
+        raise ValueError(
+            f"the scene's max_depth {depth} allows no reflection, but prosim always has one; give --max-level 0 for one"
+        )
+    parameters.setdefault("max_level", max(depth - 2, -1))  # a path of max_depth 2 has one reflection, as has level 0
+    integrators[0].props = mi.Properties("prosim")
+    kept = (*SAMPLING, "aovs", "channels", "hide_emitters")
+    _set(integrators[0].props, [(name, before[name]) for name in kept if name in before])
+    return f"prosim in place of {before.plugin_name()}"
+
+
+def _change_prosim(props: mi.Properties, parameters: dict[str, Any]) -> None:
+    """Sets ``parameters`` of an integrator ``prosim``; ValueError if its ray tree would have too many levels."""
+    if parameters.get("diffuse_bounces") == -1:
+        parameters = {"max_level": -1} | parameters
+    _set(props, parameters.items())
+    level, follows_paths = parameters.get("max_level", 0), props.get("diffuse_bounces", 0) != 0
+    if not (follows_paths or 0 <= level <= DEEPEST_TREE):
+        raise ValueError(
+            f"--max-level {level}: a ray tree has 0 to {DEEPEST_TREE} levels; more, and -1 for all, "
+            'go with --paths (in Python {"diffuse_bounces": -1})'
+        )
 
 
 def option_names(parameters: Iterable[str]) -> str:

@@ -2,18 +2,16 @@
 folder ``STEM-meshes``.
 
 The file name of a mesh ends in the digest of the file's content. The content of a mesh file to which an XML file refers
-never changes, even if a translation is killed, because another content has another file name. Simultaneous translations
-of one scene write the same files, so they do not conflict. A translation removes a mesh file of an earlier translation
-only if the digest in the file name agrees with the content. A translation also removes the unfinished files of killed
+never changes, even if a translation is killed, because another content has another file name. So simultaneous
+translations do not conflict, and the last one removes the mesh files to which the XML file no longer refers. It removes
+such a file only if the digest in the file name agrees with the content. It also removes the unfinished files of killed
 translations, but no other files.
 """
 
 import os
 import re
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 
@@ -51,7 +49,6 @@ def ply_bytes(triangles: Triangles, with_uv: bool) -> bytes | None:
 
 #: Each XML file that a translation writes contains this comment.
 MARK = "A translation from the scene language; the next one takes its place"
-LOCK_TIMEOUT = 10.0  # how many seconds to wait for another translation to the same folder
 MESH = re.compile(r"surface_\d+_*-([0-9a-f]{16})\.ply")
 
 
@@ -93,28 +90,26 @@ class TranslationFiles:
         """Writes the XML ``text`` and the meshes; returns the path of the XML file.
 
         The XML file is replaced after the meshes are written, so the mesh files that the XML file names always exist.
-        Meshes of earlier translations are removed at the end, if the folder could be locked. Raises OSError if the
+        Meshes of earlier translations are removed at the end, if no other translation is writing. Raises OSError if the
         files cannot be written, in particular FileExistsError if a file that no translation wrote has the path of a
-        result; existing files are then unchanged. Raises TimeoutError, too, if another translation keeps the folder
-        locked.
+        result; existing files are then unchanged.
         """
         _check_replaceable(self.xml, self.mesh_folder)
-        with create_folder(self.folder), _locked(self.folder) as locked, create_folder(self.mesh_folder):
-            written: list[Path] = []
-            try:
-                for name, content in self.meshes.items():
-                    path = self.mesh_folder / name
-                    if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
-                        replace(path, content, self.mesh_folder)
-                        written.append(path)
-                replace(self.xml, text.encode(), self.mesh_folder)
-            except BaseException:
-                for path in written:
-                    path.unlink(missing_ok=True)
-                raise
-            if locked:
-                _remove_old_meshes(self.mesh_folder, self.meshes)
+        writing = _writing(self.folder, self._remove_unused_meshes)
+        with create_folder(self.folder), create_folder(self.mesh_folder), writing:
+            for name, content in self.meshes.items():
+                path = self.mesh_folder / name
+                if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
+                    replace(path, content, self.mesh_folder)
+            replace(self.xml, text.encode(), self.mesh_folder)
         return self.xml
+
+    def _remove_unused_meshes(self) -> None:
+        """Removes unfinished files, and the meshes of translations to which the XML file does not refer."""
+        used = self.xml.read_text(encoding="utf-8") if self.xml.exists() else ""
+        for path in self.mesh_folder.iterdir():
+            if path.name not in used and path.is_file() and _is_from_translation(path):
+                path.unlink(missing_ok=True)
 
 
 def _digest(content: bytes) -> str:
@@ -133,46 +128,30 @@ def _check_replaceable(xml: Path, mesh_folder: Path) -> None:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool]:
-    """Locks a folder, so that no other translation removes the new meshes before the new XML file refers to them.
+def _writing(folder: Path, clean_up: Callable[[], None]) -> Iterator[None]:
+    """Tells other translations, by a shared lock on ``folder``, that this one writes meshes to which no XML file refers
+    yet. At the end, also after an error, calls ``clean_up`` if no other translation is writing.
 
-    Yields True if the folder is locked, and otherwise False. The folder is not locked on Windows, on network file
-    systems without locks, and without the permission to read the folder. The operating system removes the lock of a
-    killed process. Raises TimeoutError if another translation keeps the folder locked for LOCK_TIMEOUT seconds.
+    ``clean_up`` is not called on Windows, on file systems without locks, and without the permission to read the folder.
+    The operating system removes the lock of a killed process.
     """
-    if sys.platform == "win32":
-        yield False
-        return
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_SH)
+            stack.callback(_call_alone, clean_up, descriptor)
+        yield
+
+
+def _call_alone(clean_up: Callable[[], None], descriptor: int) -> None:
     import fcntl
 
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except PermissionError:
-        yield False
-        return
-    end, locked = time.monotonic() + LOCK_TIMEOUT, False
-    try:
-        while not locked:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                locked = True
-            except BlockingIOError:
-                if time.monotonic() > end:
-                    reason = "another translation is writing to this folder; wait for it, or choose another folder"
-                    raise TimeoutError(0, reason, folder) from None
-                time.sleep(0.02)
-            except OSError:  # the file system has no locks
-                break
-        yield locked
-    finally:
-        os.close(descriptor)
-
-
-def _remove_old_meshes(mesh_folder: Path, meshes: dict[str, bytes]) -> None:
-    """Removes unfinished files, and the meshes of earlier translations that are not in ``meshes``."""
-    for path in mesh_folder.iterdir():
-        if path.name not in meshes and path.is_file() and _is_from_translation(path):
-            path.unlink(missing_ok=True)
+    with suppress(BlockingIOError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        clean_up()
 
 
 def _is_from_translation(path: Path) -> bool:

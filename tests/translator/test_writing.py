@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneError, writer
+from prosim_scene import SceneError
 from waiting import PATIENCE
 
 SCENE = """LIGHTS POINT position 0 5 5
@@ -160,21 +160,29 @@ def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders cannot be locked there")
-def test_a_translation_waits_for_another_one_but_not_for_ever(scene, monkeypatch):
+@pytest.mark.parametrize("fails", [False, True])
+def test_meshes_are_removed_only_if_no_other_translation_writes(scene, failing, fails):
+    """Its XML does not refer to its meshes yet."""
     import fcntl
 
-    xml = prosim_scene.translate(scene, tolerance=1)
-    before = everything(scene.parent)
-    monkeypatch.setattr(writer, "LOCK_TIMEOUT", 0.1)
+    first = named(prosim_scene.translate(scene, tolerance=1))
+    scene.write_text(SCENE.format(2))
     lock = os.open(scene.parent, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_SH)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(SceneError, match="another translation is writing to this folder") as error:
+        if fails:
+            failing("replace", errno.ENOSPC, lambda _, target: str(target).endswith(".xml"))
+            with pytest.raises(SceneError, match="No space left"):
+                prosim_scene.translate(scene, tolerance=1)
+        else:
             prosim_scene.translate(scene, tolerance=1)
+        assert len([name for name in everything(scene.parent) if name.endswith(".ply")]) == 3
     finally:
         os.close(lock)
-    assert str(scene.parent) in str(error.value) and everything(scene.parent) == before
-    assert prosim_scene.translate(scene, tolerance=1) == xml
+    if not fails:
+        now = named(prosim_scene.translate(scene, tolerance=1))
+        assert len(set(first) - set(now)) == 1
+        assert sorted(everything(scene.parent)) == sorted(["s.scn", "s.xml", *now])
 
 
 def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):

@@ -24,7 +24,6 @@ try:
 except ModuleNotFoundError:
     raise click.ClickException(extras.needs("the language server", "editors")) from None
 
-from ..language.analysis import SIZE_LIMIT, too_large
 from ..language.diagnostics import Problem, SceneError
 from ..language.formatter import format
 from .evaluation import evaluate_in_process
@@ -40,33 +39,30 @@ COLLECTION = 1_000_000
 
 
 class OpenDocument:
-    """A version of an open document, as empty if it is too large; ``pending`` is the task or timer that will publish
-    more diagnostics.
-    """
+    """A version of an open document; ``pending`` is the task or timer that will publish more diagnostics."""
 
     def __init__(self, document: TextDocument) -> None:
-        self.uri, self.version, self.is_large = document.uri, document.version, len(document.source) > SIZE_LIMIT
-        self.text = "" if self.is_large else document.source
+        self.uri, self.version, self.text = document.uri, document.version, document.source
         self.filename, self.codec = to_fs_path(document.uri) or document.uri, document.position_codec
         # The text is changed as in a file that is read, but all offsets stay the same: a lone CR becomes LF, CR LF is
         # kept, and a byte order mark becomes a space that has as many code units.
         self.scene_text = re.sub(r"\r(?!\n)", "\n", re.sub("^\ufeff", "\u2003", self.text))
-        #: The lines of the text. The codec clamps a position to the line end, so the last line gets one, too.
-        self.lines = [f"{line}\n" for line in self.scene_text.split("\n")]
         self.pending: asyncio.Task[None] | asyncio.TimerHandle | None = None
 
     @cached_property
     def symbols(self) -> Symbols:
         """The symbols of the document. The first use of this property analyses the text of the document."""
-        symbols = Symbols(self.scene_text, self.filename)
-        if self.is_large:
-            symbols.diagnostics[:] = [too_large(self.filename)]
-        return symbols
+        return Symbols(self.scene_text, self.filename)
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """The lines of the text. The codec clamps a position to the line end, so the last line gets one, too."""
+        return [f"{line}\n" for line in self.symbols.text.split("\n")]
 
     def offset(self, position: lsp.Position) -> int:
         """Converts an LSP position to an offset; beyond the end of its line or text, that end."""
-        line_position = self.codec.position_from_client_units(self.lines, position)
-        return min(self.symbols.reader.source.line_starts[line_position.line] + line_position.character, len(self.text))
+        at, source = self.codec.position_from_client_units(self.lines, position), self.symbols.reader.source
+        return min(source.line_starts[at.line] + at.character, len(source.text))
 
     def range(self, start: int, end: int) -> lsp.Range:
         """Converts the text offsets ``start`` and ``end`` to an LSP range."""

@@ -47,11 +47,11 @@ class Occurrence(NamedTuple):
 
 
 class Symbols:
-    """The text of a scene, the errors and warnings about this text, and the table of its symbols."""
+    """The text of a scene, as empty if it is too large, its errors and warnings, and the table of its symbols."""
 
     def __init__(self, text: str, path: Path | str | None = None) -> None:
-        self.text = text
         self.reader, self.diagnostics, self.document = analyse(text, str(path or "<string>"))
+        self.text = self.reader.source.text
         #: The ``$names`` that have a value in this text, each with the text of its value.
         self.names = {FRAME: "0", TIME: f"${FRAME} / {FPS:g}"} | self.reader.definitions.defaults
         patterns = self.reader.fields["patterns"].items()

@@ -71,11 +71,11 @@ def analyse(
 
     ``problems`` are the errors and warnings in the order of the text. The document is None if the text has an error. If
     the reader finds errors or undefined names, most checks of the whole scene are left out, because they would report
-    consequences of these errors. Raises SceneError if the text has more than SIZE_LIMIT characters, and for a wrong
+    consequences of these errors. A text of more than SIZE_LIMIT characters is not read. Raises SceneError for a wrong
     name or value in ``define``.
     """
     if len(text) > SIZE_LIMIT:
-        raise too_large(filename)
+        return Reader("", str(filename), define), [too_large(filename)], None
     with garbage_collection_paused():
         reader = Reader(text, str(filename), define)
         errors = reader.definitions.undefined.values()

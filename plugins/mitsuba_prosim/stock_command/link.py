@@ -1,6 +1,6 @@
 """The command ``prosim link``: lets the script ``mitsuba`` ask the module ``launcher``."""
 
-from importlib.metadata import files
+from importlib.metadata import distributions
 from pathlib import Path
 
 import click
@@ -16,7 +16,8 @@ except ImportError:  # mitsuba-prosim was uninstalled
 
 def script() -> Path | None:
     """Returns the script ``mitsuba``; None if the command is a program of another kind, as on Windows."""
-    paths = (Path(str(file.locate())).resolve() for file in files("mitsuba") or () if file.name == "mitsuba")
+    named = (file for one in distributions(name="mitsuba") for file in one.files or () if file.name == "mitsuba")
+    paths = filter(Path.is_file, (Path(file.locate()).resolve() for file in named))
     return next((path for path in paths if THEIRS.encode() in path.read_bytes()), None)
 
 

@@ -9,7 +9,12 @@ import ctypes
 import gc
 import os
 import signal
+import sys
 from pathlib import Path
+
+#: Else each of the many processes that tests start would compile the package again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 #: Where Dr.Jit keeps the tests' kernels; see :func:`compile_quickly`.
 os.environ["DRJIT_CACHE_DIR"] = str(Path(__file__).parents[1] / "build" / "kernels")
@@ -133,7 +138,16 @@ def pytest_configure():
 def pytest_collection_finish():
     """Leaves out of each later collection of garbage what has been imported."""
     gc.freeze()
+    gc.set_threshold(100_000, 1000, 1000)
     gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup():
+    """Frees the scenes of the test before, because a kernel depends on all objects in memory: after another order of
+    tests it would be compiled again. Objects that outlive their test are not looked at again.
+    """
+    gc.collect(1)
 
 
 def pytest_report_header():

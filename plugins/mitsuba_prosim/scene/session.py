@@ -5,7 +5,8 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import drjit as dr
@@ -58,11 +59,17 @@ def set_variant(variant: str | None = None) -> str:
     return variant
 
 
+@cache
+def _packages_with_plugins() -> tuple[EntryPoint, ...]:
+    """Looks for them once, because this takes as long as a small render."""
+    return tuple(entry_points(group="mitsuba"))
+
+
 def load_plugins() -> None:
     """Imports the modules of the entry points in the group ``mitsuba``, which register the plugins of all installed
     packages, as Mitsuba 3.10 does itself. Warns if a module cannot be loaded.
     """
-    for entry in entry_points(group="mitsuba"):
+    for entry in _packages_with_plugins():
         try:
             entry.load()
         except Exception as error:  # noqa: BLE001 (the plugins of this package do not depend on others)

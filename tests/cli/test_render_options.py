@@ -2,8 +2,6 @@
 
 import os
 import re
-import threading
-from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +11,7 @@ from mitsuba_prosim.cli import render_commands, terminal
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
-from running import LIT_FLOOR, PALITO, XML, done, prosim, refused, scene_text
+from running import LIT_FLOOR, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
 NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snapshots 2s"]
@@ -160,37 +158,19 @@ def test_progress_is_shown_from_the_beginning(scene, monkeypatch):
         ],
         ("mix", "text", "is not a readable EXR image"),
         *[(name, "/dev/zero", "a device or a pipe") for name in ("render", "translate", "watch", "mix", "merge")],
-        ("render", "pipe.xml", "a device or a pipe"),
+        *[("render", name, "a device or a pipe") for name in ("pipe.xml", "pipe")],
     ],
 )
 def test_wrong_files_are_refused(tmp_path, monkeypatch, command, path, says):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.xml")
+    os.mkfifo("pipe")
     Path("folder.xml").mkdir()
     for name in "mug.scn", "mug.npz", "text":
         Path(name).write_text("SCENE")
     for name in "mug.exr", "image":
         Path(name).write_bytes(b"\x76\x2f\x31\x01" + bytes(40))
     refused(says, command, path, *["a=1"] * (command == "mix"), folder=tmp_path)
-
-
-def test_pipe_has_no_frames(tmp_path):
-    os.mkfifo(tmp_path / "p")
-    refused("a pipe", "render", tmp_path / "p", "--frames", 3)
-
-
-@pytest.mark.parametrize("text, code", [(PALITO.read_bytes(), 0), (b"(" * 2**23, 2)])
-def test_pipe_with_a_scene_is_read_up_to_the_largest_size(tmp_path, text, code):
-    os.mkfifo(pipe := tmp_path / "scene.scn")
-
-    def write():
-        with suppress(BrokenPipeError):
-            pipe.write_bytes(text)
-
-    (writer := threading.Thread(target=write)).start()
-    result = prosim("translate", pipe, "-o", tmp_path / "out")
-    writer.join()
-    assert result.exit_code == code and ("larger than" in result.stderr) == bool(code), result.output
 
 
 # ---- An error in an XML scene shows its place as one in a scene of the language does

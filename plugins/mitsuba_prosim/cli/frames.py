@@ -37,8 +37,6 @@ class Animation:
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
         with input_errors():
-            if not Path(job.scene).is_file():
-                raise ValueError(f"{job.scene} is a pipe, and each of the --frames reads the scene; save it in a file")
             #: Whether the scene uses $frame, or $time, which the thesis's language derives from it.
             names = (FRAME,) if TIME in job.definitions or job.scene.lower().endswith(".xml") else (FRAME, TIME)
             self.moves = bool(scene_file.used_names(job.scene, {TIME: "0", **job.definitions, FRAME: "0"}, names))

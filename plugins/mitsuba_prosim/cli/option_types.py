@@ -130,7 +130,7 @@ USES = {
 
 class InputFile(click.Path):
     """The click type of an argument that names an existing file with one of the suffixes ``read``, or with another one
-    that is not in :data:`USES`. A scene may be a pipe, but not one with XML, which Mitsuba reads several times.
+    that is not in :data:`USES`.
     """
 
     def __init__(self, *read: str) -> None:
@@ -151,7 +151,7 @@ class InputFile(click.Path):
         suffix = path.suffix.lower()
         if suffix in USES and suffix not in self.read:
             self.fail(f"'{path}' is {USES[suffix]}.", param, ctx)
-        if not path.is_file() and not (path.is_fifo() and ".scn" in self.read and suffix != ".xml"):
+        if not path.is_file():
             self.fail(f"'{path}' is a device or a pipe; give a file.", param, ctx)
         return path
 

@@ -418,6 +418,4 @@ def denoised_facts(final: FinalImage, interrupted: bool) -> dict[str, str]:
     }
     if why := final.why_raw:
         facts["prosim.denoised"] = f"no: {why}"
-    if final.render.reached and (estimates := final.render.state.estimates):
-        facts["prosim.denoised.estimates"] = json.dumps(estimates)  # samples, ratio of the errors
     return facts

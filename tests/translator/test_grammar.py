@@ -141,7 +141,7 @@ def test_formatter_keeps_comments_before_the_next_word():
     assert tree("- (a)\n CUBE 0 (b)\n(c)\n# d\n + CUBE 1 CUBE 2 # e") == (
         "- (a)\n    CUBE 0 (b)\n    (c)\n    # d\n    +\n        CUBE 1\n        CUBE 2 # e"
     )
-    assert tree("+ (a) - CUBE 0 CUBE 1 CUBE 2") == "+ (a)\n-\n    CUBE 0\n    CUBE 1\n    CUBE 2"
+    assert tree("+ (a) - CUBE 0 CUBE 1 CUBE 2") == "+ (a)\n    -\n        CUBE 0\n        CUBE 1\n    CUBE 2"
 
 
 def test_words_and_numbers_stay_as_the_writer_wrote_them():

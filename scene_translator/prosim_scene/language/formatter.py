@@ -65,14 +65,14 @@ class _Layout:
         self.heading = ""  # the current statement
         self.missing_operands: list[int] = []  # how many operands each enclosing run of operators still lacks
 
-    def add_line(self, depth: int, word: str, comment_depth: int, mark: str = "") -> int:
-        """Adds a line with ``word`` and the ``mark`` after it, "=", "(" or ""; comments right above get the indentation
-        ``comment_depth``. Returns its number, or that of the first of these comments.
+    def add_line(self, depth: int, word: str, mark: str = "") -> int:
+        """Adds a line with ``word`` and the ``mark`` after it, "=", "(" or ""; comments right above get the same
+        indentation. Returns its number, or that of the first of these comments.
         """
         at = len(self.lines)
         while at and not self.lines[at - 1].words:  # a line without words is a comment
             at -= 1
-            self.lines[at].depth = comment_depth
+            self.lines[at].depth = depth
         self.line = _Line(depth, [word], mark)
         self.lines.append(self.line)
         return at
@@ -93,7 +93,7 @@ class _Layout:
             self.line.words += [] if kind in ("LPAR", "RPAR") else [f"{text} =" if kind == "VARIABLE" else text]
         elif kind in STATEMENTS:
             colon = "" if kind in HEADINGS or kind in ("DEFAULT", "END") else ":"
-            at = self.add_line(0, text + colon, 0)
+            at = self.add_line(0, text + colon)
             if at and {kind, self.heading} & HEADINGS:
                 self.lines.insert(at, _Line(0))
             self.heading = kind
@@ -103,7 +103,7 @@ class _Layout:
             # The parameters of a light are below the kind of the light, one step to the right.
             depth = 2 if kind in ("LIGHT_PARAMETER", "DISTRIBUTION") else 1
             mark = "" if kind == "MATERIAL" else VALUE_MARKS.get(self.heading, "")
-            self.add_line(depth, text, 1, mark)
+            self.add_line(depth, text, mark)
 
     def add_node(self, token: Token, text: str) -> None:
         """Adds a node of the CSG tree. Operators without comments between them share a line; their operands stand
@@ -113,18 +113,15 @@ class _Layout:
         if self.heading == "VIEW":  # the thesis's example scene has a superfluous dash here
             self.line.words.append(text)
         elif token.role not in OPERATORS.values():
-            self.add_line(depth, text, depth)
+            self.add_line(depth, text)
             while self.missing_operands:  # a complete run of operators is an operand of the run around it
                 self.missing_operands[-1] -= 1
                 if self.missing_operands[-1]:
                     break
                 self.missing_operands.pop()
-        elif self.line.words[-1] not in OPERATORS:
-            self.add_line(depth, text, depth)
-            self.missing_operands.append(2)
-        else:
+        elif self.line.words[-1] in OPERATORS and self.lines[-1] is self.line and not self.line.comments:
+            self.line.words.append(text)
             self.missing_operands[-1] += 1
-            if self.lines[-1] is self.line and not self.line.comments:
-                self.line.words.append(text)
-            else:  # a comment stands between the two operators
-                self.add_line(depth - 1, text, 1)
+        else:
+            self.add_line(depth, text)
+            self.missing_operands.append(2)

@@ -54,7 +54,7 @@ def test_completion_offers_words_that_fit():
     assert labels("LUZES EXTENSA |")[3:6] == ["posicao", "intensidade", "raio"]
     assert labels("LIGHTS AREA raio 2 VIEW |\nOBS 0 0 9 END")[:3] == ["RESOLUTION", "WINDOW", "OBS"]
     assert {"NULO", "t-tijolo"} <= set(labels("FUNDO 0 0 0 CSG CUBO 0 t|"))
-    assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "ka", "kd"]
+    assert labels(SCENE.replace("ks 0", "k|"))[:3] == ["material", "metal", "ka"]
     assert labels("METHOD |")[:5] == ["adaptive", "fresnel", "facets", "phong", "threshold"]
     assert labels("METODO facetas |")[:2] == ["beckmann", "gaussiana"]
     assert labels("DO-SHADOW |")[:2] == ["TRUE", "FALSE"]

@@ -40,7 +40,7 @@ VIEW = STATEMENT_END | {"VIEW_PARAMETER"}
 TREE = STATEMENT_END | {"PLUS", "MINUS", "TIMES", "PRIMITIVE", "USE"}  # USE: the name of a solid
 SLOTS = TREE | FILE | {"TEXTURE_NAME", "NULL"}
 SHAPE = SLOTS | {"SHAPE_PARAMETER"}
-SURFACE = STATEMENT_END | {"MATERIAL", "OPTIC"}
+SURFACE = STATEMENT_END | {"MATERIAL", "METAL", "OPTIC"}
 TRANSFORM = STATEMENT_END | {"STEP"}
 STEP_VALUES, CLOSING = TRANSFORM | {"NUMBER", "LPAR"}, frozenset(("RPAR",))
 TEXTURE = STATEMENT_END | {"PARAMETER"}
@@ -350,16 +350,23 @@ class Reader(Scanner):
         return model.Surface(**self.read_parameters(SURFACE))
 
     def read_material(self, parameters: dict[str, Any]) -> None:
-        """Reads ``material KIND [NAME]`` into ``parameters``. Raises SceneError for an unknown metal or glass."""
-        self.store_span_once(self.token, "the material", "material")
-        kind = self.read_token(frozenset(("MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC")))
-        parameters["material"] = find_word(kind.role, kind.text).name
-        if self.read_token(SURFACE | {"WORD"} if kind.role in NAMED else SURFACE).role != "WORD":
-            return
+        """Reads ``material KIND [NAME]`` or ``metal NAME``, a conductor, into ``parameters``. Raises SceneError for an
+        unknown metal or glass.
+        """
+        kind = self.token
+        if kind.role == "MATERIAL":
+            self.store_span_once(kind, "the material", "material")
+            kind = self.read_token(frozenset(("MATERIAL_KIND", "CONDUCTOR", "DIELECTRIC")))
+            parameters["material"] = find_word(kind.role, kind.text).name
+            if self.read_token(SURFACE | {"WORD"} if kind.role in NAMED else SURFACE).role != "WORD":
+                return
+        else:
+            self.read_token(frozenset(("WORD",)))
+            parameters.setdefault("material", "conductor")
         name, (field, names) = self.token, NAMED[kind.role]  # a text with "$" is a name without a value
         if normalise(name.text) not in names and not name.text.startswith("$"):
             raise self.source.error(name.span, unknown_name(kind.role, name.text), "unknown-name")
-        self.store_span(name.span, field)
+        self.store_span_once(name, f"the {field}", field)
         parameters[field] = names.get(normalise(name.text))
         self.read_token(SURFACE)
 

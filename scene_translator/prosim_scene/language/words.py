@@ -186,7 +186,7 @@ GLASSES = {name: glass for _, names, glass, _ in TABLE["glasses"] for name in _a
 #: Value of the parameter ``material`` of the plugin prosim_dielectric -> the glass's index of refraction at 587.6 nm.
 INDICES = {glass: float(index) for _, _, glass, index in TABLE["glasses"]}
 #: Role of a word that a name follows -> the field of the model that the name sets, and the known names.
-NAMED = {"CONDUCTOR": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
+NAMED = {"CONDUCTOR": ("metal", METALS), "METAL": ("metal", METALS), "DIELECTRIC": ("glass", GLASSES)}
 #: Name of a predefined texture -> its kind.
 BUILT_IN = {names.split()[0]: kind for _, names, kind in TABLE["textures"]}
 #: Each name of a predefined texture -> the first of its names.

@@ -123,7 +123,7 @@ def pickled(value: Any) -> bytes:
 
 def packed(item: WorkItem) -> bytes:
     """Returns a work item in pickled form, without its scene and without the function that stores its sums."""
-    return pickled((item.plan, item.x, item.y, item.start, item.end))
+    return pickled((item.plan, item.x, item.y, item.start, item.end, item.samples))
 
 
 def sample(

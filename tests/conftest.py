@@ -88,7 +88,7 @@ def logged(monkeypatch):
 
 
 #: Files whose tests share what takes seconds to make: with -n one process runs them.
-SHARING = "cluster compare mitsuba_command docs lamps language_server page server"
+SHARING = "cluster compare mitsuba_command docs lamps language_server page sampling server sources"
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -103,6 +103,7 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
             bundle(name)
 
 
+@pytest.mark.slow
 def test_other_process_cannot_use_local_workers(client):
     """It finds the open ports, and tries connections with another certificate, without TLS, and HTTP."""
     family = [psutil.Process(), *psutil.Process().children(recursive=True)]

@@ -15,7 +15,7 @@ from scenes import T, camera, film, load_scene, penumbra, rectangle, slow
 @pytest.mark.parametrize("spp, least, most", [(4, 0, 0.9), (5, 0.9, 1.1)])
 def test_neighbours_share_a_sequence_if_there_are_few_samples(variant_rgb, spp, least, most):
     """The variance of the means of 2 x 2 pixels, over that of independent pixels; five samples share nothing."""
-    images = renderings(penumbra(size=96, type="prosim", adaptive="none"), 24, spp=spp)
+    images = renderings(penumbra(size=96, type="prosim", adaptive="none"), 12, spp=spp)
     assert least < 4 * blocks(images, 2).var(0).mean() / images.var(0).mean() < most
 
 

@@ -264,7 +264,7 @@ def test_mesh_file_that_bounds_no_solid_is_refused_by_name(tmp_path, name):
 def test_bytes_that_are_lost_or_changed_raise_nothing_else():
     generator = np.random.default_rng(1)
     for data in KINDS.values():
-        for _ in range(50):
+        for _ in range(20):
             content = bytearray(data[: generator.integers(1, len(data))] if generator.random() < 0.3 else data)
             for at in generator.integers(0, len(content), generator.integers(0, 4)):
                 content[at] = generator.integers(0, 256)
@@ -341,7 +341,7 @@ def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
 def test_solids_without_overlaps_have_no_warning(kind):
     """Random unions and differences, whose slivers and creases are as in files by others."""
     generator, tested = np.random.default_rng(5), 0
-    for _ in range(20):
+    for _ in range(10):
         solid = Manifold()
         for _ in range(generator.integers(2, 6)):
             own = [Manifold.cube((2, 2, 2)), Manifold.sphere(1.3, int(generator.integers(8, 60)))]
@@ -353,7 +353,7 @@ def test_solids_without_overlaps_have_no_warning(kind):
         if solid.volume() > 0.1:
             tested += 1
             assert not MeshFile(obj(mesh.tri_verts.tolist(), vertices)).warning
-    assert tested > 12
+    assert tested > 6
 
 
 @pytest.mark.parametrize(

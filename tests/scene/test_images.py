@@ -100,7 +100,10 @@ def test_truncated_image_is_refused_at_its_line(variant_rgb, tmp_path, backgroun
         SceneFile(scene, out).load()
     assert (error.value.filename, error.value.line) == (str(scene), line)
     words = str(error.value)
-    assert f"the image 'cut file.{suffix}' is incomplete or damaged: " in words and says in words
-    assert "save it again" in words and str(out) not in words
+    assert f"the image 'cut file.{suffix}' is incomplete, damaged or in an unknown format: " in words and says in words
+    assert "save it again as PNG" in words and str(out) not in words
+    image.write_text("no picture")
+    with pytest.raises(prosim_scene.SceneError, match="unknown format"):
+        SceneFile(scene, out).load()
     image.write_bytes(whole)
     assert SceneFile(scene, out).load().shapes()

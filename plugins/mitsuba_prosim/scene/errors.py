@@ -60,13 +60,14 @@ def with_suggestion(words: str) -> str:
 
 
 def check_images(document: prosim_scene.Document) -> None:
-    """Reads all image files of a scene, of which the translator checks only the first bytes; raises
-    :class:`prosim_scene.SceneError`, with its place in the scene's text, for the first image that Mitsuba cannot read.
+    """Reads all image files of a scene; raises :class:`prosim_scene.SceneError`, with its place in the text, for the
+    first image that Mitsuba cannot read.
     """
     folder = Path(document.source.filename).parent
     for name, way in prosim_scene.images(document):  # ``way``: where the scene's text names the image
         try:
             mi.Bitmap(str(prosim_scene.located(folder, name)))
         except RuntimeError as error:
-            why = f"the image {name!r} is incomplete or damaged: {message(error)}; save it again"
+            why = f"the image {name!r} is incomplete, damaged or in an unknown format: {message(error)}"
+            why += "; save it again as PNG, JPEG, OpenEXR, RGBE, PFM, PPM, BMP or TGA"
             raise document.error(why, *way) from None

@@ -4,7 +4,6 @@ numbers against the limit of single precision.
 
 import math
 import os
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -98,15 +97,10 @@ class Context:
         """Returns the dictionary of the Mitsuba plugin ``plugin``, a texture or an environment emitter, with the image
         file ``name``.
 
-        Raises SceneError if the option ``allow_outside`` forbids the file's folder, or if the file cannot be read or is
-        not an image.
+        Raises SceneError if the option ``allow_outside`` forbids the file's folder, or if there is no such file. Only
+        Mitsuba knows whether it is an image.
         """
-        return {"type": plugin, "filename": self._read_file("image", self._image_filename, name, *path)}
-
-    def _image_filename(self, path: Path) -> str:
-        if not is_image(path):
-            raise ValueError(f"is not an image; expected one of {FORMATS}")
-        return self.image_path(path)
+        return {"type": plugin, "filename": self._read_file("image", self.image_path, name, *path)}
 
     def _read_file(self, kind: str, read: Callable[[Path], T], name: str, *path: str | int) -> T:
         """Returns ``read(file)``, where ``file`` is the path of the file that the scene calls ``name``."""
@@ -150,23 +144,6 @@ def check_single_precision(document: Document, node: Node, *path: str | int) -> 
                 reason = f"this gives {number:g}, which is beyond Mitsuba's single precision; "
                 raise document.error(f"{reason}expected less extreme numbers", *path)
     return node
-
-
-#: The names of the image formats that Mitsuba reads; the first bytes of a file in one of these formats, except TGA; the
-#: last bytes of a TGA file of version 2, the only version that Mitsuba reads.
-FORMATS = "PNG, JPEG, OpenEXR, RGBE, PFM, PPM, BMP or TGA"
-SIGNATURE = re.compile(rb"\x89PNG\r\n\x1a\n|\xff\xd8|\x76\x2f\x31\x01|#\?|P[Ff]|P6|BM")
-TGA_FOOTER = b"TRUEVISION-XFILE.\0"
-
-
-def is_image(path: Path) -> bool:
-    """Whether the first bytes of a file (of a TGA file, the last bytes) are those of an image format that Mitsuba
-    reads. Raises OSError if the file cannot be read.
-    """
-    with path.open("rb") as file:
-        head = file.read(8)
-        file.seek(max(path.stat().st_size - len(TGA_FOOTER), 0))
-        return file.read() == TGA_FOOTER or SIGNATURE.match(head) is not None
 
 
 def located(folder: Path, name: str) -> Path:

@@ -2,6 +2,7 @@
 
     python benchmarks/gains.py policies [--scene palito ...] [--size 256] [--rounds 10]
     python benchmarks/gains.py paths --scene "Cornell box" staircase2 --folder SCENES
+    python benchmarks/gains.py targets --scene lego --folder SCENES
     python benchmarks/gains.py denoised | in-time | ablations
 
 ``policies``
@@ -11,6 +12,10 @@
     ``prosim`` with all light paths, and ``path`` nested in ``prosim_adaptive``, compared with ``path`` and the sampler
     ``independent``, at 64 samples per pixel. Scenes whose tree has one level (stage, copper ball, metal floor, 24
     lamps) have only direct light, and ``direct`` instead of ``path``.
+``targets``
+    Renders to a given noise: ``prosim_adaptive`` around ``path``, and ``prosim`` with all light paths; compared with
+    ``path`` and the sampler ``multijitter`` at 64 samples, whose error is the noise. So ``path`` knows beforehand how
+    many samples it needs.
 ``denoised``
     ``prosim_denoised``, compared with the raw image of the same number of samples.
 ``in-time``
@@ -31,6 +36,7 @@ from unittest import mock
 
 import numpy as np
 from measure import MEASURES, Run, arguments, begin, gain, reference, render_in_turn, shown
+from mitsuba_prosim.engine.standard_error import displayed
 from mitsuba_prosim.light import table as lights
 from subjects import DEPTH, Subject
 
@@ -84,6 +90,17 @@ def paths(subject: Subject, n: int = 8) -> Entries:
     return entries, theirs, 256
 
 
+def targets(subject: Subject, n: int = 8) -> Entries:
+    """Returns the runs of the table ``targets``, in the form of :func:`policies`."""
+    scene, theirs = subject.load(), {"type": "path", "max_depth": DEPTH}
+    fixed = Run("path, multijitter", subject.load("multijitter"), theirs, n * n)
+    weights = [0.212671, 0.715160, 0.072169]  # of the luminance
+    first, second = (displayed(fixed.render(seed)[0] @ weights) for seed in (1, 2))
+    noise = float(np.sqrt(np.mean(np.square(first - second)) / 2))
+    ours = {"--noise": NESTED, "--paths --noise": PATHS}
+    return [*(Run(name, scene, entry | {"noise": noise}) for name, entry in ours.items()), fixed], theirs, 256
+
+
 def denoised(subject: Subject, n: int = 6) -> Entries:
     """Returns the runs of the table ``denoised``, in the form of :func:`policies`."""
     scene, nested = subject.load(), (subject.tree or subject.adaptive) | {"adaptive": "none", "samples": n}
@@ -118,7 +135,14 @@ class OtherLights(Run):
             return super().render(seed)
 
 
-TABLES = {"policies": policies, "paths": paths, "denoised": denoised, "in-time": in_time, "ablations": ablations}
+TABLES = {
+    "policies": policies,
+    "paths": paths,
+    "targets": targets,
+    "denoised": denoised,
+    "in-time": in_time,
+    "ablations": ablations,
+}
 
 
 def rows(subject: Subject, table: str, options: argparse.Namespace) -> None:

@@ -14,6 +14,7 @@ from prosim_scene import SceneError
 from prosim_scene.geometry.mesh_files import MeshFile
 from prosim_scene.geometry.primitives import PRIMITIVES
 from scenes import slow
+from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")
 
@@ -328,6 +329,14 @@ def test_a_vertex_that_leaves_the_other_side_is_named(x, warned):
     vertices = np.array(mesh.vert_properties)
     vertices[vertices[:, 0].argmax()] = [x, 0, 0]
     assert ("overlaps itself" in MeshFile(obj(mesh.tri_verts.tolist(), vertices)).warning) == warned
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flap_of_faces_back_to_back_is_left_out_however_the_mesh_is_turned(seed):
+    """Its volume is a rounding error, whose sign depends on the turn."""
+    vertices = Rotation.random(random_state=seed).apply([*CUBE.vertices, [0.3, -0.5, 0], [0.7, -0.5, 0]])
+    solid = MeshFile(obj([*SQUARES, (9, 0, 8), (2, 9, 8), (2, 0, 9), (0, 2, 8)], vertices))
+    assert "parts without a volume" in solid.warning and len(solid.mesh(0, np.eye(4)).triangles) == 12
 
 
 def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):

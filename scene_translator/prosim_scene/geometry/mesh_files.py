@@ -53,7 +53,7 @@ class MeshFile(Primitive):
         points, triangles, index = points[used], corner.reshape(-1, 3), index[proper]
         _check_closed(points, triangles)
         solid = _manifold(points, triangles)
-        if solid.status() != Error.NoError or solid.volume() == 0:
+        if solid.status() != Error.NoError or _flat(solid):
             raise ValueError("encloses nothing; expected a closed mesh")
         if solid.volume() < 0:
             triangles, index = triangles[:, ::-1], index[:, ::-1]
@@ -138,22 +138,29 @@ def _manifold(points: np.ndarray, triangles: np.ndarray) -> Manifold:
     return Manifold(Mesh64(points, triangles.astype(np.uint64), face_id=np.arange(len(triangles), dtype=np.uint64)))
 
 
+def _flat(solid: Manifold) -> bool:
+    """Returns whether the volume is 0 but for a rounding error, as that of a flap of faces back to back."""
+    return bool(abs(solid.volume()) <= DEPTH * solid.surface_area() ** 1.5)
+
+
 def _united(solid: Manifold) -> tuple[Manifold | None, str]:
-    """Returns the union of the parts, or None if none touch, and a warning of overlaps, or "". Cavities are parts;
-    overlaps beside one are not united. Raises ValueError if a part is inside out.
+    """Returns the union of the parts, or None if none touch, and a warning of overlaps or flaps, or "". Cavities are
+    parts; overlaps beside one are not united. Raises ValueError if a part is inside out.
     """
-    parts, united, unite = solid.decompose(), None, "unite them in the program that wrote the file"
-    overlap = _overlap(solid, parts)
-    if len(parts) > 1 and all(part.volume() > 0 for part in parts):
-        union = Manifold.batch_boolean(parts, OpType.Add)
+    parts, unite = solid.decompose(), "unite them in the program that wrote the file"
+    solids, united, flaps = [part for part in parts if not _flat(part)], None, ""
+    if len(solids) < len(parts):
+        united = solid = Manifold.compose(solids)
+        flaps = "has parts without a volume, which are left out"
+    overlap = remaining = _overlap(solid, solids)
+    if len(solids) > 1 and all(part.volume() > 0 for part in solids):
+        union = Manifold.batch_boolean(solids, OpType.Add)
         if union.surface_area() < (1 - 1e-9) * solid.surface_area():
-            united, before = union, solid.volume()
-            remaining = _overlap(union, union.decompose())
-    if united is None or remaining:
-        where = overlap if united is None else remaining
-        return united, where and f"overlaps itself in {where}; faces inside it may show in glass and in cuts; {unite}"
-    if united.volume() > (1 - 1e-9) * before:  # the parts only touch each other
-        return united, ""
+            united, remaining = union, _overlap(union, union.decompose())
+    if remaining:
+        return united, f"overlaps itself in {remaining}; faces inside it may show in glass and in cuts; {unite}"
+    if united is None or united.volume() > (1 - 1e-9) * solid.volume():  # the parts at most touch each other
+        return united, flaps
     return united, f"has parts that overlap{', such as ' * bool(overlap)}{overlap}; they become one solid; {unite}"
 
 

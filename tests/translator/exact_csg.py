@@ -333,6 +333,18 @@ def rings_and_stumps(rng):
     return text(rng, shapes, transforms, tree(rng, count))
 
 
+def crossing_rings(rng):
+    """Tori about one axis that differ a little, so that they cross at small angles."""
+    radius, count, after = rng.uniform(0.2, 0.8), rng.integers(2, 4), turn(rng)
+    shapes, transforms = [], []
+    for _ in range(count):
+        shapes.append(f"TORUS radius {radius + rng.choice([0, 0.001]):.4f}")
+        size = rng.choice([1, 1 + 10 ** rng.uniform(-3, -1.5)])
+        transforms.append(f"{spin(rng)} {sized([size, size, -size], [0, 0, rng.choice([0, 0.002])], after)}")
+    transforms.append(sized([9, 9, 9], [0, 0, 0], turn(rng)))
+    return text(rng, [*shapes, "CUBE"], transforms, tree(rng, count + 1, "+-"))
+
+
 def slices(rng):
     """Slices of one cone, and what lies on their discs, in a common placement."""
     count = rng.integers(2, 6)
@@ -368,7 +380,7 @@ def stretched(rng):
 
 
 GRIDS = grid, decimals, half_spaces
-ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, slices
+ROUND = unions, same_quadric, nested, grazing, rings_and_stumps, crossing_rings, slices
 KINDS = {f.__name__: f for f in (chains, crowds, *GRIDS, *ROUND)} | {
     "turned_grid": lambda rng: grid(rng, turn(rng)),
     "stretched_grid": lambda rng: grid(rng, stretched(rng)),

@@ -56,6 +56,11 @@ INSIDE = {
     "lens in a ring": ["SPHERE SCALE (.4 .01 .4) TRANSLATE (1 0 0)", "TORUS radius .4 SCALE (1 1 1.3)"],
     "ring in a ball": ["TORUS SCALE (.8 .8 .8)", "SPHERE"],
     "ring in a tube": ["TORUS SCALE (.8 .8 .8)", TUBE],
+    "ring in a ring": ["TORUS radius .3999 ROTATE-Z (13)", "TORUS radius .4 ROTATE-X (180) SCALE (1 1 1.0001)"],
+    "ring on the wall of a ring": [
+        "TORUS radius .1 ROTATE-Z (13) SCALE (1.2 1.2 1.2) TRANSLATE (0 0 .2)",
+        "TORUS radius .40285",
+    ],
     "coating of a tube": [
         "CYLINDER ROTATE-Z (13) TRANSLATE (0 0 .1) SCALE (1 1 .8)",
         "CYLINDER SCALE (1.00001 1.00001 1)",
@@ -72,7 +77,7 @@ INSIDE = {
 #: One of each pair of kinds, with the hardest of each.
 QUICK = ("lens of 1e-05 in a tube", "lens askew in a tube", "disc in a ball", "disc on the wall of a ball")
 QUICK += ("ball in a flat ball", "ball in a cone", "tube in a tube", "stump in a cone", "three cones", "ball in a ring")
-QUICK += ("ring in a ball", "coating of a tube", "three deep")
+QUICK += ("ring in a ball", "ring in a ring", "ring on the wall of a ring", "coating of a tube", "three deep")
 NAMES = [*QUICK, *slow(*(name for name in INSIDE if name not in QUICK))]
 
 

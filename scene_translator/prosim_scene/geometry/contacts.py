@@ -7,6 +7,9 @@ wide. Therefore the mesh of the ball shrinks by the chord error of the pipe, and
 surface of the ball stays within the tolerance. No mesh protrudes from its solid, so solids that touch from outside,
 such as a pipe on a floor, do not cross either.
 
+The mesh of a torus becomes smaller around the centre line of its tube. Tori with nearly the same surface may also cross
+at a small angle. They get the same facets, so their meshes cross where the surfaces do.
+
 In a chain of contacts, such as a bubble in a ball in a pipe, the chord errors of the ball and the pipe add up, so the
 meshes of a longer chain are finer.
 """
@@ -26,6 +29,7 @@ INSIDE = 1e-6  # how far a face that touches another face from inside may be out
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
 STEPS = 16  # the number of steps that improve a tangent plane
 SMALLEST = 1e-3  # the smallest scale of a solid, which a warning names, because its face is far off
+SIMILAR = 0.2  # how much nearly equal tori may differ, relative to the radius of the tube
 NEAR = 5  # how many chord errors of the outer mesh may lie between a face and the outer face that it touches
 PARALLEL = 0.05  # how much the distance of parallel sides of cones may vary, relative to the radius
 
@@ -33,7 +37,7 @@ PARALLEL = 0.05  # how much the distance of parallel sides of cones may vary, re
 class Contacts(NamedTuple):
     """Pairs of solids: the curved face of ``inner`` (k,) touches the curved face of ``outer`` (k,) from inside, or is
     nearer to it than a few chord errors. The pairs are sorted so that a solid occurs in ``outer`` before it occurs in
-    ``inner``. Solids whose curved faces lie on one surface have the number of the first of them.
+    ``inner``. Solids whose curved faces have the same facets have the number of the first of them.
 
     If the curved face of the outer solid is scaled by ``reach`` (k,), it just encloses the inner solid. If the inner
     solid shrinks by a part of its size, this factor falls by at least ``loss`` (k,) times this part.
@@ -61,19 +65,17 @@ class Contacts(NamedTuple):
         return np.asarray(error / (1 + below + above) / allowed)
 
 
-def first_on_surface(solids: Sequence[Solid]) -> np.ndarray:
-    """Returns, for each solid, the number of the first solid whose curved face lies on the same surface."""
+def first_of_pattern(solids: Sequence[Solid]) -> np.ndarray:
+    """Returns, for each solid, the number of the first solid whose curved face has the same facets."""
     first: dict[int, int] = {}
-    return np.array(
-        [first.setdefault(s.curved_surface, i) if s.curved_surface >= 0 else i for i, s in enumerate(solids)]
-    )
+    return np.array([first.setdefault(s.pattern, i) if s.pattern >= 0 else i for i, s in enumerate(solids)])
 
 
 def find_contacts(solids: Sequence[Solid]) -> Contacts:
-    """Returns contacts of curved faces: a ball or a torus in a convex one, a ball in a torus, or a cylinder or a cone
-    in a parallel one. Others are rims, where a gap would look like a wall.
+    """Returns contacts of curved faces: a ball or a torus in a convex one, a ball or a torus in a torus, or a
+    cylinder or a cone in a parallel one. Others are rims, where a gap would look like a wall.
     """
-    first = first_on_surface(solids)
+    first = first_of_pattern(solids)
     order = _order(solids)[first]
     found = [[np.empty(0, int), np.empty(0, int), np.empty(0), np.empty(0)]]
     for inner, outer, reach, loss in chain(_enclosed(solids, order), _cones_in_cones(solids), _balls_in_tori(solids)):
@@ -157,28 +159,54 @@ def _cones_in_cones(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]
             yield cones[i[near]], cones[j[near]], end[near], end_loss[near]
 
 
+def near_tori(tori: Sequence[Solid]) -> np.ndarray:
+    """Returns, for each torus, the number of the first one with nearly the same surface, whose facets it gets."""
+    boxes, to_world = world_box_corners(tori), np.array([s.to_world for s in tori]).reshape(-1, 4, 4)
+    radius, pairs = np.array([s.primitive.hull[1] for s in tori]), [np.empty((2, 0), int)]
+    for found in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+        i, j = np.sort(found, axis=0)
+        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+        stretch = relative[..., :3].transpose(0, 2, 1) @ relative[..., :3] - np.eye(3)
+        different = [stretch.reshape(-1, 9), relative[:, 2, :2], relative[..., 3], (radius[i] - radius[j])[:, None]]
+        near = np.abs(np.concatenate(different, axis=1)).max(axis=1) < SIMILAR * radius[j]
+        pairs.append(np.stack([i, j])[:, near])
+    result = np.arange(len(tori))
+    for i, j in sorted(np.concatenate(pairs, axis=1).T.tolist()):
+        if result[i] == i and result[j] == j:
+            result[j] = i
+    return result
+
+
 def _balls_in_tori(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yields items as :func:`_enclosed` does: pairs of a ball and a torus. A ball is in the tube if it is in a ball as
-    wide as the tube, whose centre is the nearest point of the tube's centre line.
+    """Yields items as :func:`_enclosed` does: pairs of a ball or a torus, and a torus. The first is in the tube if it
+    is in a ball as wide as the tube, whose centre is the nearest point of the tube's centre line. A coaxial torus is in
+    the tube if this is true for the balls as wide as its own tube.
     """
     radii = {i: s.primitive.radius for i, s in enumerate(solids) if isinstance(s.primitive, Torus)}
     chosen = np.array([i for i, s in enumerate(solids) if radii and (i in radii or s.primitive.name == "sphere")], int)
     of_chosen, sphere = [solids[i] for i in chosen.tolist()], primitive_of("sphere")
     boxes, to_world = world_box_corners(of_chosen), np.array([s.to_world for s in of_chosen]).reshape(-1, 4, 4)
     radius = np.array([radii.get(i, 0.0) for i in chosen.tolist()])
+    hulls = np.array([s.primitive.hull for s in of_chosen]).reshape(-1, 2)
     for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
         i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
-        i, j = np.stack([i, j])[:, (radius[i] == 0) & (radius[j] > 0)]
+        i, j = np.stack([i, j])[:, radius[j] > 0]
         relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+        products = relative.transpose(0, 2, 1) @ relative
+        different = [products[:, 0, 0] - products[:, 1, 1], products[:, 0, 1]]
+        different += [relative[:, k, axis] for k, axis in ((0, 2), (1, 2), (2, 0), (2, 1), (0, 3), (1, 3))]
+        coaxial = (np.abs(different).max(axis=0) < INSIDE) & (radius[i] > 0)
+        relative[..., 3] += relative[..., 0] * coaxial[:, None]
         distance = np.linalg.norm(relative[:, :2, 3], axis=1, keepdims=True)
         relative[:, :2, 3] *= 1 - 1 / np.maximum(distance, 1e-300)
         relative /= radius[j, None, None]
-        hull = np.tile([0.0, 1.0], (len(relative), 1))
+        hull = np.where(coaxial[:, None], hulls[i] * [0, 1], hulls[i])
         heights, normals = _highest(sphere, relative, hull)
         within = heights <= INSIDE
         reach, loss = _reach(sphere, relative[within], hull[within], normals[within])
-        part = (radius / (1 + radius))[j[within]]  # the tube's part of the size of the torus
-        yield chosen[i[within]], chosen[j[within]], 1 - (1 - reach) * part, loss * part
+        part = radius / (1 + radius)  # the tube's part of the size of the torus
+        loss *= (part[j] / np.where(coaxial, part[i], 1))[within]
+        yield chosen[i[within]], chosen[j[within]], 1 - (1 - reach) * part[j[within]], loss
 
 
 def _highest(primitive: Primitive, relative: np.ndarray, hulls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -230,7 +258,7 @@ def adapt(solids: Sequence[Solid], contacts: Contacts, inradius: np.ndarray) -> 
 
     ``inradius`` (n,) is that of the meshes where their solids have an effect on the CSG tree's result.
     """
-    first, scale = first_on_surface(solids), np.ones(len(solids))
+    first, scale = first_of_pattern(solids), np.ones(len(solids))
     for i, j, reach, loss in reversed(list(zip(*contacts))):
         shrunk = 1 - max(reach - scale[j] * inradius[j], 0) / loss
         scale[i] = max(min(scale[i], shrunk), SMALLEST)

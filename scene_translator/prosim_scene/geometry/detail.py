@@ -154,20 +154,20 @@ def choose_segments(
     (n,), and the tolerance that allows at most MAX_TRIANGLES triangles.
 
     ``zones`` (n, 4) are the balls that :func:`active_zones` returns. If only a cap of a ball has an effect on the CSG
-    tree's result, the ball also gets a ``facet_map``. Solids that share a curved face get the same number
+    tree's result, the ball also gets a ``facet_map``. Solids with the same ``pattern`` get the same number
     of segments. Raises :class:`SceneError` if even the coarsest meshes have too many triangles.
     """
-    surface = np.array([s.curved_surface for s in solids])
+    pattern = np.array([s.pattern for s in solids])
     while True:
         counts = np.empty(len(solids), int)
         for primitive, numbers in group_equal(s.primitive for s in solids).items():
             matrices = np.array([solids[i].to_world for i in numbers])
             counts[numbers] = primitive.segments(matrices, camera, tolerance * shares[numbers])
-        largest = np.zeros(surface.max() + 2, int)  # of each surface, and of no surface, which has the number -1
-        np.maximum.at(largest, surface, counts)
-        counts = np.where(surface >= 0, largest[surface], counts)
+        largest = np.zeros(pattern.max() + 2, int)  # of each pattern, and of no pattern, which has the number -1
+        np.maximum.at(largest, pattern, counts)
+        counts = np.where(pattern >= 0, largest[pattern], counts)
         chosen = [replace(s, segments=count) for s, count in zip(solids, counts.tolist())]
-        for i in np.flatnonzero((surface < 0) & (zones[:, 3] < math.inf)):
+        for i in np.flatnonzero((pattern < 0) & (zones[:, 3] < math.inf)):
             if chosen[i].primitive.name == "sphere":
                 segments, facet_map = refined_cap(chosen[i], zones[i], camera, tolerance * shares[i])
                 chosen[i] = replace(chosen[i], segments=segments, facet_map=facet_map)

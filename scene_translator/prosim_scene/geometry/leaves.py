@@ -10,9 +10,10 @@ import numpy as np
 from ..language.document import Document
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
+from .contacts import near_tori
 from .detail import with_segments
 from .grouping import group_equal
-from .primitives import CornerAttributes, Cube, Mesh, Primitive, box_corners, primitive_of
+from .primitives import CornerAttributes, Cube, Mesh, Primitive, Torus, box_corners, primitive_of
 from .solids import Solid, matrices, world_box_corners
 
 #: How far a PLANE extends, relative to the size of the scene.
@@ -140,8 +141,8 @@ def _block(plane: Solid, *boxes: np.ndarray) -> Solid:
 
 
 def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Leaves:
-    """Returns the leaves with ``surfaces`` and ``facet_map``; equal solids are merged. A solid of several leaves, or
-    that cuts several media, has shared surfaces even alone.
+    """Returns the leaves with ``surfaces``, ``pattern`` and ``facet_map``; equal solids are merged. A solid of several
+    leaves, or that cuts several media, has shared surfaces even alone.
     """
     solids, of_leaf, thickness = leaves.solids, leaves.of_leaf, leaves.thickness
     # A leaf that cuts several media counts twice, because its faces become faces of several solids.
@@ -155,14 +156,22 @@ def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Lea
     surface = same_surfaces(quadrics, to_world, low, high) if any(counts) else solid
     users = np.bincount(surface, uses[solid])
     shared = np.where(users[surface] > 1, surface, -1)
+    pattern, is_torus = shared.copy(), np.array([s.primitive.name == "torus" for s in solids])[solid]
+    tori = np.unique(surface[is_torus])
+    pattern[tori] = tori[near_tori([solids[i] for i in solid[tori]])]
+    pattern[is_torus] = pattern[surface[is_torus]]
     result = []
     last = len(shared)
-    for s, surfaces, count in zip(solids, np.split(shared, np.cumsum(counts)[:-1]), uses):
+    for s, surfaces, own, count in zip(solids, *(np.split(a, np.cumsum(counts)[:-1]) for a in (shared, pattern)), uses):
         if not len(surfaces) and count > 1:  # a mesh file, whose faces only its copies share
             surfaces = np.arange(last, last := last + len(s.mesh().faces))
         sharing = replace(s, surfaces=surfaces) if len(surfaces) else s
-        if sharing.curved_surface >= 0 and (owner := solids[solid[sharing.curved_surface]]) is not s:
-            sharing = replace(sharing, facet_map=np.linalg.solve(s.to_world, owner.to_world))
+        if s.primitive.curved is not None and (number := int(own[s.primitive.curved])) >= 0:
+            sharing = replace(sharing, pattern=number)
+            if (owner := solids[solid[number]]) is not s:
+                sharing = replace(sharing, facet_map=np.linalg.solve(s.to_world, owner.to_world))
+            if isinstance(s.primitive, Torus):
+                sharing = replace(sharing, primitive=primitive_of("torus", s.primitive.radius, owner.primitive.hull[1]))
         result.append(sharing)
     # Solids of a primitive are equal if all their faces lie on the same shared surfaces.
     keys = [(s.primitive, *sorted(s.surfaces)) if min(s.surfaces) >= 0 else i for i, s in enumerate(result)]

@@ -79,7 +79,7 @@ class Primitive(ABC):
     surface_lines: np.ndarray
     gap: ClassVar[float] = 0.08
     #: The number of segments that a chord error requires, relative to the number for a circle.
-    segment_factor: ClassVar[float] = 1.0
+    segment_factor: float = 1.0
 
     @abstractmethod
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
@@ -101,6 +101,10 @@ class Primitive(ABC):
         """Returns values (...) and gradients (..., 3) of a function that is 0 on the curved face."""
         form = np.diag(self.quadrics[self.curved])
         return p**2 @ form[:3] + form[3], 2 * p * form[:3]
+
+    def scaled(self, vertices: np.ndarray, scale: float) -> np.ndarray:
+        """Returns the vertices of a mesh (n, 3), whose curved face becomes smaller: by ``scale``, or as far inwards."""
+        return vertices * np.where(np.arange(3) < self.axes, scale, 1.0)
 
     @cached_property
     def box_corners(self) -> np.ndarray:
@@ -342,32 +346,42 @@ def cone(radius: float = 0.0) -> Primitive:
 
 class Torus(Primitive):
     """A torus about z, whose tube has the radius ``radius`` and its centre at the distance 1 from z. Its only face is
-    curved.
+    curved. Its facets are those of a torus with the radius ``pattern``, moved to its surface.
     """
 
     name = "torus"
     curved = 0
     axes = 3
-    segment_factor = math.sqrt(2)  # the chord errors around z and around the tube are added
 
-    def __init__(self, radius: float = 0.25) -> None:
-        self.radius, self.hull = radius, (1, radius)
+    def __init__(self, radius: float = 0.25, pattern: float | None = None) -> None:
+        self.radius, self.pattern, self.hull = radius, pattern or radius, (1, radius)
+        # The chord errors around z and around the tube are added.
+        self.segment_factor = math.sqrt(1 + radius / (1 + radius) * (1 + self.pattern) / self.pattern)
         # Not its surface, but a quadric with the same symmetries, which no torus with another decimal radius has.
         self.quadrics = np.diag([1, 1, -math.exp(radius), -1])[None]
         self.box = np.array([1 + radius, 1 + radius, radius]) * [[-1], [1]]
         self.surface_lines = np.repeat(self.mesh(64, np.eye(4)).vertices[:, None], 2, axis=1)  # points
 
     def mesh(self, segments: int, facet_map: np.ndarray) -> Mesh:
-        """Returns a facet of two triangles for each pair of segments, around z and of the tube."""
-        of_tube = 4 * math.ceil(segments * math.sqrt(self.radius / (1 + self.radius)) / 4)  # an equal chord error
-        x, z = ((1, 0) + self.radius * circle(of_tube)).T
+        """Returns a facet of two triangles for each pair of segments, around z and of the tube. ``facet_map`` maps the
+        space of the torus with the same facets to the space of this one.
+        """
+        of_tube = 4 * math.ceil(segments * math.sqrt(self.pattern / (1 + self.pattern)) / 4)  # an equal chord error
+        x, z = ((1, 0) + self.pattern * circle(of_tube)).T
         around = circle(segments)[:, None] * x[:, None]
         vertices = np.concatenate([around, np.broadcast_to(z[:, None], (segments, of_tube, 1))], axis=2).reshape(-1, 3)
         number = np.arange(segments * of_tube).reshape(segments, of_tube)
         a, b, c, d = (np.roll(number, (-i, -j), (0, 1)).ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
         triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
         vertices = vertices @ facet_map[:3, :3].T + facet_map[:3, 3]
+        if not np.array_equal(facet_map, np.eye(4)):
+            vertices = self.scaled(vertices, 1)
         return Mesh(vertices, triangles, np.tile(a, 2), np.zeros(len(a), int))
+
+    def scaled(self, vertices: np.ndarray, scale: float) -> np.ndarray:
+        center = vertices * [1, 1, 0] / np.linalg.norm(vertices[:, :2], axis=1, keepdims=True)
+        outwards = (vertices - center) / np.linalg.norm(vertices - center, axis=1, keepdims=True)
+        return np.asarray(center + max(self.radius - (1 - scale) * (1 + self.radius), 1e-3 * self.radius) * outwards)
 
     def ball(self, to_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         size = (1 + self.radius) * np.linalg.norm(to_world[:, :3, :3], 2, axis=(1, 2))
@@ -397,8 +411,8 @@ PRIMITIVES: dict[str, Primitive] = {
 
 
 @lru_cache(maxsize=1024)
-def primitive_of(shape: str, radius: float | None = None) -> Primitive:
-    """Returns the primitive with the name ``shape``; a CONE or a TORUS may have a ``radius``."""
+def primitive_of(shape: str, radius: float | None = None, pattern: float | None = None) -> Primitive:
+    """Returns the primitive with the name ``shape``; a CONE or a TORUS may have a ``radius``, a TORUS a ``pattern``."""
     if radius is None:
         return PRIMITIVES[shape]
-    return Torus(radius) if shape == "torus" else cone(radius)
+    return Torus(radius, pattern) if shape == "torus" else cone(radius)

@@ -25,16 +25,18 @@ class Solid:
     approximates a full circle. ``surfaces`` has, for each face of the solid, the number of the surface (plane or
     quadric) that the face shares with faces of other solids, or -1 if the face shares no surface. If several solids
     share a curved surface, their meshes have the same facets on this surface: those of the owner of the surface, the
-    largest of these solids. The 4x4 matrix ``facet_map`` moves the facets of the curved face: it maps the space of the
-    owner of a shared surface to the space of this solid, or concentrates the facets of a ball near a visible cap. The
-    mesh of the curved face is multiplied by ``scale``, which is below 1 only if the face touches another one from
-    inside.
+    largest of these solids. Tori with nearly the same surface also have the facets of one of them. Solids with the
+    same facets have the same number ``pattern``; -1 stands for own facets. The 4x4 matrix ``facet_map`` moves the
+    facets of the curved face: it maps the space of the solid with these facets to the space of this solid, or
+    concentrates the facets of a ball near a visible cap. The mesh of the curved face is made smaller by ``scale``,
+    which is below 1 only if the face touches another one from inside.
     """
 
     primitive: Primitive
     to_world: np.ndarray
     segments: int = 0
     surfaces: np.ndarray = field(default_factory=lambda: np.array([-1]))
+    pattern: int = -1
     facet_map: np.ndarray = field(default_factory=lambda: IDENTITY)
     scale: float = 1.0
 
@@ -42,11 +44,6 @@ class Solid:
     def inradius(self) -> float:
         """The inradius of the curved face's mesh, for radius 1; without ``facet_map`` and ``scale``."""
         return inradius(self.primitive, self.segments)
-
-    @property
-    def curved_surface(self) -> int:
-        """The number of the shared surface on which the curved face lies, or -1 if there is no such surface."""
-        return -1 if self.primitive.curved is None else int(self.surfaces[self.primitive.curved])
 
     def mesh(self) -> Mesh:
         """Returns the mesh of the solid in world coordinates, with the effects of ``facet_map`` and ``scale``; the
@@ -60,7 +57,7 @@ class Solid:
             mirrored ^= np.einsum("ij,ij->", a, np.cross(b, c)) < 0  # the sign of the mesh's volume
         else:
             unit = unit_mesh(self.primitive, self.segments)
-        vertices = unit.vertices * np.where(np.arange(3) < self.primitive.axes, self.scale, 1.0)
+        vertices = unit.vertices if self.scale == 1 else self.primitive.scaled(unit.vertices, self.scale)
         triangles = unit.triangles[:, ::-1] if mirrored else unit.triangles
         return Mesh(vertices @ linear.T + offset, triangles, unit.facets, unit.faces)
 

@@ -9,6 +9,7 @@ import sys
 import prosim_scene
 import psutil
 import pytest
+import pytest_asyncio
 import pytest_lsp
 from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcException
@@ -36,15 +37,15 @@ def client():
     return made
 
 
-CONFIG = pytest_lsp.ClientServerConfig(server_command=SERVER, client_factory=client)
-
-
-@pytest_lsp.fixture(config=CONFIG, scope="module", loop_scope="module")
-async def editor(lsp_client: pytest_lsp.LanguageClient):
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def editor():
+    made = client()
+    await made.start_io(*SERVER)
     capabilities = pytest_lsp.client_capabilities("visual-studio-code")
-    await lsp_client.initialize_session(lsp.InitializeParams(capabilities=capabilities, root_uri="file:///nowhere"))
-    yield
-    await lsp_client.shutdown_session()
+    await made.initialize_session(lsp.InitializeParams(capabilities=capabilities, root_uri="file:///nowhere"))
+    yield made
+    await made.shutdown_session()
+    await made.stop()
 
 
 async def opened(editor, text, uri=URI):

@@ -120,7 +120,7 @@ WRONG = [
     (1, "SOLID CUBE CUBE 1", 7, "name", "'CUBE' is a keyword; expected another name"),
     (1, "SOLID x", 7, "incomplete", "expected its tree after x"),
     (1, "SOLID x CUBE 0 SOLID X CUBE 0", 22, "twice", "SOLID X stands twice"),
-    (4, "CSG-TREE x 1 SOLID x CUBE 0", 10, "unknown-word", "unknown word 'x'; expected +, -"),
+    (4, "CSG-TREE x 1 SOLID x CUBE 0", 10, "unknown-word", "SOLID stands below, and has to stand above"),
     (4, "SOLID legs CUBE 0 CSG-TREE leg 1", 28, "unknown-word", "legs or the next"),
     (4, "SOLID x CUBE 1 TRANSFORM 1 CSG-TREE x 2", 37, "no-index", "no SURFACE 1 or SURFACE 2 and no TRANSFORM 2"),
     # degenerate views

@@ -542,6 +542,9 @@ class Reader(Scanner):
         elif token.role == "WORD":
             suggestion = nearest(text, self.fields["solids"] if "USE" in roles else ())
             suggestion = suggestion or suggestion_for(text, roles & {"BOOL"} if lacks_numbers else roles)
+            solid = rf"\b(?:{'|'.join(words.spellings_of('SOLID'))})\s+{re.escape(text)}(?!\S)"
+            if "USE" in roles and re.compile(solid, re.IGNORECASE).search(self.source.text, token.end):
+                suggestion = "; its SOLID stands below, and has to stand above its first use"
             if self.keyword.role == "NAME":
                 suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion

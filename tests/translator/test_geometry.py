@@ -4,6 +4,7 @@ Faces that coincide but for rounding: no film of no thickness, no face of the wr
 """
 
 import math
+import re
 import warnings
 from types import SimpleNamespace
 
@@ -291,6 +292,17 @@ def test_coincident_faces_of_turned_solids(name):
         assert_closed(meshes.values())
         assert {i: area(mesh) for i, mesh in meshes.items()} == pytest.approx(dict(enumerate(areas)), rel=near)
         assert volume(list(meshes.values())) == pytest.approx(expected, rel=near), turn
+
+
+@pytest.mark.parametrize("shape, height", [("CUBE", "1 1 {}"), ("SPHERE", "{} 1 1")])
+def test_faces_that_count_as_one_but_differ_by_more_than_rounding_are_named(recwarn, shape, height):
+    message = rf"faces of {shape} 0 \(line 3\), {shape} 1 \(line 3\) are only about (\S+) apart, so they count as one"
+    for gap, named, owner in ((1e-9, False, 0), (1e-7, True, 0), (1e-5, False, 1)):
+        recwarn.clear()
+        meshes = solids(scene(f"+ {shape} 0 {shape} 1", ["", f"SCALE ({height.format(1 + gap)})"]), 0.3)
+        found = [match for one in recwarn if (match := re.search(message, str(one.message)))]
+        assert owner in meshes and bool(found) == named
+        assert not named or float(found[0][1]) == pytest.approx(gap, rel=0.5)
 
 
 def test_ball_less_itself_is_empty():

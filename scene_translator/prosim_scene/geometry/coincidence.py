@@ -33,12 +33,16 @@ from manifold3d import Manifold, Mesh64
 from .grouping import components
 
 SAME = 1e-7  # tolerance of a quadric's coefficients in a primitive's own space
+ROUNDING = 1e-8  # surfaces that are taken for equal and differ by more cause a warning
 NEAR = 1e-6  # tolerance of the coefficients in the scene's space, which selects the surfaces to compare
 
 
-def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def same_surfaces(
+    quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, tuple[float, int, int]]:
     """Returns, for each of n faces, the number of a face that represents all faces connected with this face: the face
-    of the largest primitive.
+    of the largest primitive. Also returns the difference and the numbers of the two connected faces that differ most;
+    if none differ by more than ROUNDING, the difference is 0.
 
     Two faces are connected if their surfaces are equal and their boxes touch, or by way of other faces. The surface of
     face i is the quadric ``quadrics[i]`` (n, 4, 4) in the space of the primitive of face i. ``matrices[i]`` (n, 4, 4)
@@ -47,8 +51,10 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
     """
     sizes = np.linalg.norm(matrices[:, :3, :3], axis=(1, 2))
     features, inverse = _features(quadrics, matrices), np.linalg.inv(matrices[:, :3, :3])
+    worst = 0.0, 0, 0
 
     def equal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        nonlocal worst
         large = np.where(sizes[first] < sizes[second], second, first)
         small = first + second - large
         relative = np.zeros((len(small), 4, 4))  # from the space of the small primitive to that of the large one
@@ -57,7 +63,10 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
         relative[:, 3, 3] = 1
         compared = np.stack([relative.transpose(0, 2, 1) @ quadrics[large] @ relative, quadrics[small]])
         compared /= np.linalg.norm(compared, axis=(2, 3), keepdims=True)
-        return np.asarray(np.abs(compared[0] - compared[1]).max(axis=(1, 2)) < SAME)
+        difference = np.abs(compared[0] - compared[1]).max(axis=(1, 2))
+        for i in np.flatnonzero((difference > ROUNDING) & (difference < SAME)).tolist():
+            worst = max(worst, (float(difference[i]), int(first[i]), int(second[i])))
+        return np.asarray(difference < SAME)
 
     # An offset along x separates the boxes of different surfaces, so one call finds the components of all surfaces.
     offset = np.outer(_clusters(features) * 2 * np.ptp([low[:, 0], high[:, 0]]), [1, 0, 0])
@@ -65,7 +74,7 @@ def same_surfaces(quadrics: np.ndarray, matrices: np.ndarray, low: np.ndarray, h
     order = np.argsort(-sizes, kind="stable")
     _, largest = np.unique(group[order], return_index=True)
     _, number = np.unique(group, return_inverse=True)
-    return np.asarray(order[largest][number])
+    return order[largest][number], worst
 
 
 def _features(quadrics: np.ndarray, matrices: np.ndarray) -> np.ndarray:

@@ -88,7 +88,7 @@ def leaves_of(
     """
     leaves = _distinct(document, meshes)
     leaves = _bounded(leaves, camera)
-    leaves = _with_shared_surfaces(leaves, cuts_several_media)
+    leaves = _with_shared_surfaces(document, leaves, cuts_several_media)
     solids = with_segments(document, leaves.solids, leaves.of_leaf, camera, tolerance)
     offset = np.pad(leaves.origin[:, None], ((0, 1), (3, 0)))
     return replace(leaves, solids=[replace(s, to_world=s.to_world - offset) for s in solids])
@@ -140,7 +140,7 @@ def _block(plane: Solid, *boxes: np.ndarray) -> Solid:
     return replace(plane, primitive=Cube("plane", box, [inner.min(axis=0)[:2], inner.max(axis=0)[:2]]))
 
 
-def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Leaves:
+def _with_shared_surfaces(document: Document, leaves: Leaves, cuts_several_media: np.ndarray) -> Leaves:
     """Returns the leaves with ``surfaces``, ``pattern`` and ``facet_map``; equal solids are merged. A solid of several
     leaves, or that cuts several media, has shared surfaces even alone.
     """
@@ -153,7 +153,12 @@ def _with_shared_surfaces(leaves: Leaves, cuts_several_media: np.ndarray) -> Lea
     low, high = boxes.min(axis=1) - thickness, boxes.max(axis=1) + thickness
     quadrics = np.concatenate([s.primitive.quadrics for s in solids])
     to_world = np.array([s.to_world for s in solids])[solid]
-    surface = same_surfaces(quadrics, to_world, low, high) if any(counts) else solid
+    surface, (difference, *pair) = same_surfaces(quadrics, to_world, low, high) if any(counts) else (solid, (0.0,))
+    if difference:
+        gap = difference * np.linalg.norm(to_world[pair[0], :3, :3])
+        near = sorted(int(np.flatnonzero(of_leaf == solid[face])[0]) for face in pair)
+        reason = f"faces of {document.names_of(near)} are only about {gap:.0e} apart, so they count as one face; "
+        document.warn(f"{reason}if they should differ, move one farther", "csg", document.scene.leaves[near[0]][0])
     users = np.bincount(surface, uses[solid])
     shared = np.where(users[surface] > 1, surface, -1)
     pattern, is_torus = shared.copy(), np.array([s.primitive.name == "torus" for s in solids])[solid]

@@ -138,7 +138,7 @@ def pytest_configure():
 def pytest_collection_finish():
     """Leaves out of each later collection of garbage what has been imported."""
     gc.freeze()
-    gc.set_threshold(100_000, 1000, 1000)
+    gc.set_threshold(100_000)
     gc.enable()
 
 

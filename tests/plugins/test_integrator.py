@@ -346,14 +346,6 @@ def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     assert abs(thesis / truth - 1) < 0.01
 
 
-@pytest.mark.slow
-def test_uneven_counts_do_not_bias_the_filter(variant_rgb):
-    """Pixels with many samples must not outweigh their neighbours: each sample weighs one over its pixel's count."""
-    even = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="none"), 40)
-    uneven = renderings(penumbra(rfilter="mitchell", type="prosim", adaptive="neighbours"), 40, first_seed=1000)
-    assert same_expectation(even, uneven)
-
-
 # ------------------------------------------------------------------ variants and ways to render
 
 

@@ -49,15 +49,6 @@ def test_scalar_variants_render_as_the_nested_integrator_does(variant_scalar):
     assert np.array_equal(alone, ours) and alone.max() > 0
 
 
-@pytest.mark.slow
-def test_the_expectation_within_another_integrator_is_that_of_path(variant_rgb):
-    alone, ours = (
-        renderings(penumbra(COPPER, type="aov", aovs="d:depth", image=image), 16, spp=64, first_seed=first)
-        for image, first in (({"type": "path"}, 0), (adaptive("path"), 100))
-    )
-    assert same_expectation(alone[..., :3], ours[..., :3])
-
-
 # ------------------------------------------------------------------ channels
 
 

@@ -77,6 +77,13 @@ class View:
 
 
 @dataclass(frozen=True)
+class Operator:
+    """An operator of the CSG tree: ``+``, ``-`` or ``*``. In the tree, an operator stands before its two operands."""
+
+    symbol: str
+
+
+@dataclass(frozen=True)
 class Texture:
     """One of the two textures of a primitive: the name of a texture (t-...), or of an image file."""
 
@@ -132,8 +139,11 @@ class Step:
     values: tuple[float, ...]
 
 
-#: The transform of a primitive: steps, in the order in which they are applied.
-Transform = tuple[Step, ...]
+@dataclass(frozen=True)
+class Transform:
+    """The transform of a primitive: steps, in the order in which they are applied."""
+
+    steps: tuple[Step, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -148,11 +158,10 @@ class Pattern:
 class Scene:
     """A scene: the values of all its statements.
 
-    ``csg`` is a flat sequence of the nodes of the CSG tree, so that code can process a deeply nested tree without
-    recursion: each operator, "+", "-" or "*", stands before its two operands. The index of a leaf is the key of its
-    SURFACE in ``surfaces`` and of its TRANSFORM in ``transforms``. The keys of ``patterns`` are the names of the
-    textures. Primitives of named solids (SOLID) have new indices: one for each combination of the primitive's index
-    with the index of a use of the solid.
+    ``csg`` is a flat sequence of the nodes of the CSG tree, in prefix order, so that code can process a deeply nested
+    tree without recursion. The index of a leaf is the key of its SURFACE in ``surfaces`` and of its TRANSFORM in
+    ``transforms``. The keys of ``patterns`` are the names of the textures. Primitives of named solids (SOLID) have new
+    indices: one for each combination of the primitive's index with the index of a use of the solid.
     """
 
     name: str
@@ -167,7 +176,7 @@ class Scene:
     background: Background = Background()
     method: Method = Method()
     view: View = View()
-    csg: tuple[str | Leaf, ...] = ()
+    csg: tuple[Operator | Leaf, ...] = ()
     surfaces: dict[int, Surface] = field(default_factory=dict)
     transforms: dict[int, Transform] = field(default_factory=dict)
     patterns: dict[str, Pattern] = field(default_factory=dict)

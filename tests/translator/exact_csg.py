@@ -6,7 +6,7 @@ the primitive that stands first in the tree among those that bound the result th
 """
 
 import numpy as np
-from prosim_scene.model import Leaf
+from prosim_scene.model import Leaf, Operator
 from scipy.spatial.transform import Rotation
 
 COINCIDENT = 1e-7  # ends of intervals that are nearer to each other are one surface; the scenes are 10 units wide
@@ -15,7 +15,7 @@ COINCIDENT = 1e-7  # ends of intervals that are nearer to each other are one sur
 def placed(transform):
     """The linear part and the offset of a TRANSFORM."""
     result = np.eye(4)
-    for kind, values in ((step.kind, step.values) for step in transform):
+    for kind, values in ((step.kind, step.values) for step in transform.steps):
         m = np.eye(4)
         if kind == "translate":
             m[:3, 3] = values
@@ -139,9 +139,9 @@ def evaluate(nodes, state):
     """The tree on both sides of a surface, and the leaf that owns the surface where they differ."""
     stack, number = [], len(state)
     for node in reversed(nodes):
-        if isinstance(node, str):
+        if isinstance(node, Operator):
             left, right = stack.pop(), stack.pop()
-            sides = [{"+": a | b, "-": a & ~b, "*": a & b}[node] for a, b in zip(left[:2], right[:2])]
+            sides = [{"+": a | b, "-": a & ~b, "*": a & b}[node.symbol] for a, b in zip(left[:2], right[:2])]
             first = (left[0] == sides[0]) & (left[1] == sides[1])
             stack.append((*sides, np.where(sides[0] == sides[1], -1, np.where(first, left[2], right[2]))))
         else:

@@ -35,7 +35,7 @@ def solids(text, tolerance=0.05):
     looks, media = {}, {}
     scene = document_of(text, "test.scn").scene
     for leaf in scene.csg:
-        if not isinstance(leaf, str):
+        if not hasattr(leaf, "symbol"):
             looks.setdefault(assemble.appearance_key(scene, leaf), leaf.index)
             media.setdefault(assemble.medium_key(scene, leaf), leaf.index)
     return {

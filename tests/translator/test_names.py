@@ -53,7 +53,7 @@ def test_no_bit_of_a_value_is_lost():
 def test_names_have_the_values_of_the_caller_or_of_their_defaults(tmp_path, write_scene):
     scene = prosim_scene.parse(SCENE)
     assert scene.view.eye == pytest.approx((30, 30, -60)) and scene.surfaces[0].metal == "Cu_palik"
-    assert [step.values for step in scene.transforms[0]] == [(7.5,), (30, 1, 1)]
+    assert [step.values for step in scene.transforms[0].steps] == [(7.5,), (30, 1, 1)]
     path = write_scene(SCENE)
     for define in {"turn": 90, "metal": "ouro"}, {"turn": "90", "metal": "ouro"}:
         opened = prosim_scene.document(path, define)

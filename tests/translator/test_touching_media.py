@@ -87,11 +87,11 @@ def exists(read, inside, medium):
         if isinstance(node, Leaf):
             number -= 1
             stack.append({medium_of(read, node)} if inside[number] else set())
-        elif node == "+":
+        elif node.symbol == "+":
             stack.append(stack.pop() | stack.pop())
         else:
             first, second = stack.pop(), stack.pop()
-            stack.append(first if bool(second) == (node == "*") else set())
+            stack.append(first if bool(second) == (node.symbol == "*") else set())
     return medium in stack.pop()
 
 

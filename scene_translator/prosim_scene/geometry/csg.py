@@ -26,7 +26,7 @@ from typing import TypeVar
 import numpy as np
 from manifold3d import Error, Manifold, OpType
 
-from ..model import Leaf
+from ..model import Leaf, Operator
 from .coincidence import Planes
 from .grouping import touching
 from .solids import Solid
@@ -38,10 +38,10 @@ Tree = Sequence[str | int]
 _Operand = tuple[frozenset[int], int, int]
 
 
-def tree_of(nodes: Sequence[str | Leaf]) -> Tree:
+def tree_of(nodes: Sequence[Operator | Leaf]) -> Tree:
     """Returns a scene's CSG tree in prefix order; the leaves are numbered from 0, in the order of ``nodes``."""
     numbers = iter(range(len(nodes)))
-    return [node if isinstance(node, str) else next(numbers) for node in nodes]
+    return [node.symbol if isinstance(node, Operator) else next(numbers) for node in nodes]
 
 
 def fold(tree: Tree, leaf: Callable[[int], T], combine: Callable[[str, T, T], T]) -> T:

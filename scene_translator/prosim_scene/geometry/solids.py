@@ -92,10 +92,10 @@ AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the
 def matrices(transforms: Sequence[model.Transform]) -> np.ndarray:
     """Returns the matrices (n, 4, 4) of n TRANSFORMs; those with equal sequences of steps are computed in one batch."""
     result = np.tile(np.eye(4), (len(transforms), 1, 1))
-    for kinds, numbers in group_equal(tuple(step.kind for step in transform) for transform in transforms).items():
+    for kinds, numbers in group_equal(tuple(step.kind for step in transform.steps) for transform in transforms).items():
         batch = result[numbers]
         for i, kind in enumerate(kinds):
-            batch = _matrices(kind, np.array([transforms[n][i].values for n in numbers])) @ batch
+            batch = _matrices(kind, np.array([transforms[n].steps[i].values for n in numbers])) @ batch
         result[numbers] = batch
     return result
 

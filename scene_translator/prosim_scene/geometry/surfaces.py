@@ -13,7 +13,7 @@ from manifold3d import Manifold, Mesh64
 
 from ..language.analysis import garbage_collection_paused
 from ..language.document import Document
-from ..model import Step
+from ..model import Step, Transform
 from ..view import Camera
 from . import csg
 from .boundaries import AIR, OPAQUE, Boundary, OriginalIds, boundaries, concatenated, heights, primitive_boundary
@@ -245,7 +245,7 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 
 
 #: A rotation by angles that no scene has.
-TURN = matrices([tuple(Step(f"rotate-{axis}", (11.3 + i,)) for i, axis in enumerate("xyz"))])[0]
+TURN = matrices([Transform(tuple(Step(f"rotate-{axis}", (11.3 + i,)) for i, axis in enumerate("xyz")))])[0]
 
 
 def _sound_surface_mesh(

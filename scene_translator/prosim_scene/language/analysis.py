@@ -9,7 +9,7 @@ from itertools import count, islice
 from pathlib import PurePath
 from typing import Any
 
-from ..model import GREY, Scene, Vector
+from ..model import GREY, Scene, Transform, Vector
 from .diagnostics import MAX_ERRORS, AnyPath, Problem, SceneError, SceneWarning, Span, combined_error, listing, quote
 from .document import Document, Path
 from .reader import Reader
@@ -115,7 +115,7 @@ def _with_separate_indices(document: Document) -> Document:
             new_index[indices] = index = next(free)
             surface_index = next(i for i in indices if i in surfaces)  # the innermost SURFACE has an effect
             surfaces[index] = surfaces[surface_index]
-            transforms[index] = tuple(step for i in indices for step in transforms[i])
+            transforms[index] = Transform(tuple(step for i in indices for step in transforms[i].steps))
             spans["surfaces", index] = spans["surfaces", surface_index]
             spans["transforms", index] = spans["transforms", indices[-1]]
         csg[number] = replace(leaf, index=new_index[indices], within=())

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from ..model import Leaf, Scene
+from ..model import Leaf, Operator, Scene
 from .diagnostics import SceneError, SceneWarning, Source, Span
 
 #: The path of a value in the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
@@ -91,10 +91,10 @@ class Document:
         return f"; operators come before their operands: {words[0]} has the operands {words[1]} and {words[2]}"
 
 
-def subtree_ends(csg: Sequence[str | Leaf]) -> list[int]:
+def subtree_ends(csg: Sequence[Operator | Leaf]) -> list[int]:
     """Returns the position after each node's subtree in prefix order; beyond the end if operands are missing."""
     ends = list(range(1, 2 * len(csg) + 2))  # each position, also beyond the end of csg, counts as a leaf at first
     for i in reversed(range(len(csg))):
-        if isinstance(csg[i], str):
+        if isinstance(csg[i], Operator):
             ends[i] = ends[ends[i + 1]]  # the second operand begins where the first operand ends
     return ends[: len(csg)]

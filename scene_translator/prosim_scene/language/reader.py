@@ -58,8 +58,9 @@ PREFIX = "operators come before their operands, as in - CUBE 1 SPHERE 2, and par
 #: The roles of a token that may look like a number or like arithmetic, and a pattern that matches such a token.
 LIKE_NUMBERS = ("WORD", *words.OPERATORS.values())
 LIKE_NUMBER = re.compile(rf"^[-+.0-9]|{ARITHMETIC.pattern}")
+OPERATORS = {symbol: model.Operator(symbol) for symbol in words.OPERATORS}
 
-Tree = tuple[str | model.Leaf, ...]
+Tree = tuple[model.Operator | model.Leaf, ...]
 
 
 class Reader(Scanner):
@@ -384,7 +385,7 @@ class Reader(Scanner):
                 reason = f"found the fourth row {' '.join(f'{x:g}' for x in value[12:])}; expected 0 0 0 1, "
                 self.add_error(keyword.span, f"{reason}and the translation in the fourth column", "range")
             steps.append(model.Step(kind, value[:12] if isinstance(value, tuple) else (value,)))
-        return tuple(steps)
+        return model.Transform(tuple(steps))
 
     def read_texture(self) -> model.Pattern:
         """Reads a TEXTURE statement: a name, possibly a kind, and parameters. Without a kind, a predefined texture
@@ -420,7 +421,7 @@ class Reader(Scanner):
         SceneError for an unexpected word or a parenthesis.
         """
         error_count, first_token = len(self.errors), len(self.tokens)
-        nodes: list[str | model.Leaf] = []
+        nodes: list[model.Operator | model.Leaf] = []
         self.read_token(TREE)
         while (token := self.token).role not in STATEMENT_END:
             if token.role == "PRIMITIVE":
@@ -429,7 +430,7 @@ class Reader(Scanner):
                 nodes += self.read_use(len(nodes))
             else:
                 self.store_span(token.span, len(nodes))
-                nodes.append(token.text)
+                nodes.append(OPERATORS[token.text])
                 self.read_token(TREE)
         # Parentheses are comments, so a tree that is written in parentheses was read as an empty tree.
         for token in self.tokens[first_token:] if not nodes else ():
@@ -439,7 +440,7 @@ class Reader(Scanner):
             self.check_tree(nodes)
         return tuple(nodes) if len(self.errors) == error_count else ()
 
-    def check_tree(self, nodes: list[str | model.Leaf]) -> None:
+    def check_tree(self, nodes: list[model.Operator | model.Leaf]) -> None:
         """Checks that ``nodes`` are one complete CSG tree. If not, adds an error about the first node after the end of
         a complete tree, or about the last operator that lacks an operand.
         """
@@ -453,7 +454,7 @@ class Reader(Scanner):
             number = max(i for i, end in enumerate(ends) if end > count)
             operands = "two operands" if number == count - 1 else "an operand"
             reason = f"this {quote(texts[number])} lacks {operands}; expected a primitive or an operator; {PREFIX}"
-        elif [isinstance(node, str) for node in nodes[:3]] == [False, True, False]:
+        elif [isinstance(node, model.Operator) for node in nodes[:3]] == [False, True, False]:
             code = "infix"
             reason = f"found {quote(texts[1])} between its operands; expected {texts[1]} {texts[0]} {texts[2]}"
         else:

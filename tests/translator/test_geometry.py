@@ -305,6 +305,29 @@ def test_faces_that_count_as_one_but_differ_by_more_than_rounding_are_named(recw
         assert not named or float(found[0][1]) == pytest.approx(gap, rel=0.5)
 
 
+TOUCHING = {
+    "- CONE 0 SPHERE 1": ["", "TRANSLATE (0 0 1)"],
+    "- CYLINDER 0 SPHERE 1": ["SCALE (.6 .6 1.6) TRANSLATE (0 0 -.8)", ""],
+    "- CUBE 0 SPHERE 1": [f"TRANSLATE (-.5 -.5 -.5) SCALE ({2 / 3**0.5} {2 / 3**0.5} {2 / 3**0.5})", ""],
+    "* - SPHERE 0 SPHERE 1 - SPHERE 2 SPHERE 0": ["TRANSLATE (0 0 -.1)", "", "TRANSLATE (.1 0 0)"],
+    "* - SPHERE 0 SPHERE 1 - SPHERE 1 SPHERE 0": ["TRANSLATE (0 0 -.3)", "TRANSLATE (0 0 .3)"],
+}
+
+
+@pytest.mark.parametrize("tree", TOUCHING)
+@pytest.mark.parametrize("size", [1, 1.03])
+def test_result_of_slivers_alone_causes_a_warning(tree, size):
+    """Edges of the first solid touch the second one from inside, or stick out if they are larger."""
+    first, *others = TOUCHING[tree]
+    for turn in turns(3, seed=len(tree)):
+        steps = [f"{own} {turn}" for own in (f"{first} SCALE ({size} {size} {size})", *others)]
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always", SceneWarning)
+            meshes = solids(scene(tree, steps), 0.1)
+        empty = any(re.search("result (is|may be) empty", str(one.message)) for one in found)
+        assert empty == (size == 1 or not meshes)
+
+
 def test_ball_less_itself_is_empty():
     for turn in turns(2, seed=10):
         with pytest.warns(SceneWarning, match="the tree's result is empty"):

@@ -21,7 +21,7 @@ from .detail import warn_of_rounding
 from .enclosure import warn_of_enclosure
 from .grouping import components
 from .leaves import Leaves, Tessellation, leaves_of, tessellation_of
-from .primitives import CornerAttributes, Mesh, Primitive
+from .primitives import OUTSIDE_TOLERANCE, CornerAttributes, Mesh, Primitive
 from .solids import matrices
 
 
@@ -121,6 +121,9 @@ class TranslationCache:
 
 
 BATCH = 1 << 16  # the number of triangles that are processed at a time
+#: An edge that touches a curved face from inside protrudes from the face's mesh, by less than the tolerance. A result
+#: without a face that is wider than this number of tolerances may have such edges alone.
+SLIVER = 5
 
 
 @garbage_collection_paused()
@@ -163,6 +166,12 @@ def tessellate(
     opaque = [medium == OPAQUE for medium in media_of]
     warn_of_enclosure(document, tree, table, opaque, lambda: faces.triangles.positions[is_wall])
     _warn_of_owners(document, faces, media_of)
+    is_curved = any(solid.primitive.curved is not None for solid in table.solids)
+    if is_curved and faces.visible.any() and _is_narrow(faces.triangles, camera, SLIVER * tolerance):
+        reason = (
+            f"no face of the tree's result is wider than {SLIVER * tolerance:g} pixels; where primitives touch, the "
+        )
+        document.warn(f"{reason}result may be empty but for the approximation of curved faces", "csg")
     for leaf, point in faces.wrong[:1]:
         place = f"near ({' '.join(f'{x:g}' for x in point)})"
         reason = f"a face of {document.names_of([leaf])} is wrong {place}, because many faces meet there in an edge; "
@@ -324,6 +333,17 @@ def _sides(own: int, inside: int, outside: int, reflects: bool) -> tuple[int, in
     if own == OPAQUE:
         return own, outside if reflects else AIR
     return own if inside == OPAQUE else inside, outside
+
+
+def _is_narrow(mesh: Triangles, camera: Camera, pixels: float) -> bool:
+    """Whether no triangle is wider than a number of pixels, or OUTSIDE_TOLERANCE times as many outside the window."""
+    for start in range(0, len(mesh.index), 1 << 10):
+        positions = mesh.vertices[mesh.index[start : start + (1 << 10)]]
+        pixel = camera.footprint(np.linalg.norm(positions.mean(axis=1) - camera.eye, axis=1))
+        pixel *= np.where(camera.may_see(positions), 1, OUTSIDE_TOLERANCE)
+        if (heights(positions) > pixels * pixel).any():
+            return False
+    return True
 
 
 def _warn_of_owners(document: Document, faces: SurfaceMesh, media_of: Sequence[int]) -> None:

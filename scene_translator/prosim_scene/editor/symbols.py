@@ -222,11 +222,8 @@ def _names_of_numbers(word: Word) -> str:
 
 
 def description(word: Word) -> str:
-    """Returns a description of a word of the language as Markdown: the word with the names of its numbers, the word's
-    meaning, the range of the numbers after the word, the kinds of lights, materials or textures that have the word, and
-    the word's other spellings.
-
-    Parts that the word does not have are left out, and so is the range of flags (TRUE or FALSE).
+    """Returns a description of a word of the language as Markdown: the word with the names of its numbers, its meaning,
+    the range of the numbers, the kinds of lights, materials or textures that have it, and its other spellings.
     """
     lines = [f"**{word.canonical}** {_names_of_numbers(word)}".rstrip(), word.meaning]
     if word.numbers.count and not word.numbers.flags:
@@ -238,9 +235,6 @@ def description(word: Word) -> str:
 
 
 def _name_markdown(kind: str, names: dict[str, str], name: str) -> str:
-    """Returns a description of the metal or glass ``name`` as Markdown: its name in Mitsuba or in prosim_dielectric, a
-    glass's index of refraction, and all its names in the scene language. For an unknown ``name``, returns a note.
-    """
     if name not in names:
         return f"no {kind} has this name"
     index = f": n-refr = {words.INDICES[names[name]]} at 587.6 nm" if kind == "glass" else ""

@@ -1,22 +1,17 @@
 """Translates the statement LIGHTS and the colours of AMBIENT and BACKGROUND; the value 65535 of the scene language
 becomes 1.0 in Mitsuba.
 
-The option ``light_units`` of a translation defines the meaning of a light's Intensity. In the descriptions of the three
-light units, d is the distance from the light to VRP (the VIEW's reference point), and r is the radius of the light:
+The option ``light_units`` of a translation defines the meaning of E = Intensity/65535. In its three values, d is the
+distance from the light to VRP (the VIEW's reference point), and r is the radius of the light:
 
 ``calibrated``
-    E = Intensity/65535 is the irradiance on a surface that faces the light at the distance d; for a cone or a spot, the
-    surface is on the axis of the light. A calibrated point light, which causes the irradiance E at the distance d, has
-    the radiant intensity I = E d^2. A calibrated sphere of radius r that emits uniformly has the radiance L = E d^2/(pi
-    r^2), so that it causes the irradiance E at the distance d. For a calibrated sphere with the distribution CONE or
-    SPOT, the radiance L on the axis is the irradiance E divided by an integral over the solid angle of the sphere: the
-    integral of the angular falloff times the cosine.
+    E is the irradiance on a surface that faces the light at the distance d; for a cone or a spot, the surface is on the
+    axis of the light. So a point has the radiant intensity I = E d^2, a sphere that emits uniformly the radiance L = E
+    d^2/(pi r^2), and any other sphere L = E divided by :func:`facing_irradiance`.
 ``radiance``
-    E = Intensity/65535 is the radiance of the light. With the light units "radiance", a point light has the radiant
-    intensity I = pi r^2 E, as if it were a distant sphere of the radius r (thesis, section 5.2).
+    E is the radiance of the light. A point has I = pi r^2 E, as if it were a distant sphere (thesis, section 5.2).
 ``unattenuated``
-    E = Intensity/65535 is the irradiance at any distance from the light: the irradiance does not decrease with the
-    distance.
+    E is the irradiance at any distance from the light.
 """
 
 import math
@@ -40,12 +35,9 @@ def from_full_scale(color: Vector) -> tuple[float, ...]:
 
 
 def radiance_or_intensity(context: Context, number: int, light: Light, units: str) -> Node:
-    """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour: the
-    light's Intensity / 65535 times a factor that depends on ``units``.
-
-    ``units`` defines the meaning of the light's Intensity: "calibrated", "radiance" or "unattenuated". The factor is 1
-    for "unattenuated", and for an area light with "radiance". Raises SceneError if ``units`` is "calibrated" and the
-    light is at VRP or contains it, because the irradiance at VRP is then undefined.
+    """Returns the radiance of an area light, or the intensity of a point light, as the dictionary of a colour, for the
+    light units ``units``. Raises SceneError if they are "calibrated" and the light is at VRP or contains it, because
+    the irradiance at VRP is then undefined.
     """
     factor = 1.0
     if units == "calibrated":
@@ -63,11 +55,10 @@ def facing_irradiance(light: Light, distance: float) -> float:
     """Returns the irradiance that a spherical light, whose radiance is 1 along its axis, causes on a surface that faces
     the light.
 
-    The illuminated surface is on the axis of the light, at ``distance`` from the light's centre; ``distance`` is larger
-    than the light's radius. A ray at the angle t to the axis has the radiance cos^n t (n is a spot's exponent, or else
-    0), so the irradiance is the integral of 2 pi cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere.
-    If a cone or spot has an ``angle`` that is smaller than the angular radius of the sphere, the integral ends at this
-    angle.
+    The surface is on the axis of the light, at ``distance`` (more than the radius) from the light's centre. A ray at
+    the angle t to the axis has the radiance cos^n t (n is a spot's exponent, or else 0), so the irradiance is the
+    integral of 2 pi cos^(n+1) t sin t dt from t = 0 to the angular radius of the sphere, or the ``angle`` of a cone or
+    spot, if smaller.
     """
     n = light.exponent if light.distribution == "spot" else 0.0
     sine2 = (light.radius / distance) ** 2

@@ -166,8 +166,8 @@ def tessellate(
     opaque = [medium == OPAQUE for medium in media_of]
     warn_of_enclosure(document, tree, table, opaque, lambda: faces.triangles.positions[is_wall])
     _warn_of_owners(document, faces, media_of)
-    is_curved = any(solid.primitive.curved is not None for solid in table.solids)
-    if is_curved and faces.visible.any() and _is_narrow(faces.triangles, camera, SLIVER * tolerance):
+    is_cut = not {"-", "*"}.isdisjoint(tree) and any(solid.primitive.curved is not None for solid in table.solids)
+    if is_cut and faces.visible.any() and _is_narrow(faces.triangles, camera, SLIVER * tolerance):
         reason = (
             f"no face of the tree's result is wider than {SLIVER * tolerance:g} pixels; where primitives touch, the "
         )

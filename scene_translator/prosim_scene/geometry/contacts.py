@@ -196,6 +196,8 @@ def _balls_in_tori(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]:
         different = [products[:, 0, 0] - products[:, 1, 1], products[:, 0, 1]]
         different += [relative[:, k, axis] for k, axis in ((0, 2), (1, 2), (2, 0), (2, 1), (0, 3), (1, 3))]
         coaxial = (np.abs(different).max(axis=0) < INSIDE) & (radius[i] > 0)
+        fits = coaxial | (np.linalg.norm(relative[..., 0], axis=1) <= (1 + INSIDE) * radius[j])
+        i, j, relative, coaxial = (column[fits] for column in (i, j, relative, coaxial))
         relative[..., 3] += relative[..., 0] * coaxial[:, None]
         distance = np.linalg.norm(relative[:, :2, 3], axis=1, keepdims=True)
         relative[:, :2, 3] *= 1 - 1 / np.maximum(distance, 1e-300)

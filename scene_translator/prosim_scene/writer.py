@@ -10,6 +10,7 @@ translations, but no other files.
 
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from hashlib import blake2b
@@ -135,23 +136,24 @@ def _writing(folder: Path, clean_up: Callable[[], None]) -> Iterator[None]:
     ``clean_up`` is not called on Windows, on file systems without locks, and without the permission to read the folder.
     The operating system removes the lock of a killed process.
     """
-    with ExitStack() as stack:
-        with suppress(ImportError, OSError):
-            import fcntl
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
 
+    def clean_up_alone() -> None:
+        """Calls ``clean_up`` if this translation can have the lock for itself."""
+        with suppress(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            clean_up()
+
+    with ExitStack() as stack:
+        with suppress(OSError):
             descriptor = os.open(folder, os.O_RDONLY)
             stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_SH)
-            stack.callback(_call_alone, clean_up, descriptor)
+            stack.callback(clean_up_alone)
         yield
-
-
-def _call_alone(clean_up: Callable[[], None], descriptor: int) -> None:
-    import fcntl
-
-    with suppress(BlockingIOError):
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        clean_up()
 
 
 def _is_from_translation(path: Path) -> bool:

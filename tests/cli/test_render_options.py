@@ -5,12 +5,14 @@ import re
 from pathlib import Path
 from types import SimpleNamespace
 
+import mitsuba as mi
 import prosim_scene
 import pytest
 from mitsuba_prosim.cli import render_commands, terminal
 from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
+from mitsuba_prosim.scene.rendering import with_targets
 from running import LIT_FLOOR, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
@@ -24,7 +26,7 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
         ("--resolution 0x4", "1 to 65536 pixels a side"),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         ("--crop 12,0,1,1", "window 12,0,1,1 is not within the image of 12x8 pixels"),
-        ("--samples 2", "Any of --noise, --noise-99, --time, --max-samples, --adaptive puts it inside"),
+        ("--samples 2", "Any of --noise, --noise-99, --time, --max-samples, --adaptive puts one of them"),
         ("-D key", "not of the form key=value"),
         ("-m no_such_variant", "llvm_ad_rgb"),
         ("--spp 4 --samples 2", "give one of them"),
@@ -282,6 +284,31 @@ def test_paths_keep_the_depth_of_the_integrator(scene, variant_rgb, plugin, arou
     assert level(8, max_level=-1) == -1 and level(1, max_level=3) == 3
     with pytest.raises(ValueError, match="max_depth 1 allows no reflection"):
         level(1)
+
+
+@pytest.mark.parametrize("depth, rr_depth", [(-1, 5), (2, 5), (8, 9)])
+def test_with_a_target_prosim_follows_the_paths_of_path(scene, variant_rgb, depth, rr_depth):
+    """In the place of ``path`` in a file, and in a loaded scene."""
+    limits = f'<integer name="max_depth" value="{depth}"/><integer name="rr_depth" value="{rr_depth}"/>'
+    scene.write_text(scene_text(f'<integrator type="path">{limits}</integrator>', LIT_FLOOR))
+    file, loaded = scene_file.SceneFile(scene, scene.parent, integrator={"noise": 0.05}), mi.load_file(str(scene))
+    for ours in (file.load().integrator(), with_targets(loaded.integrator(), loaded)):
+        assert (ours.max_level, ours.diffuse_bounces, ours.rr_depth) == (max(depth - 2, -1), -1, rr_depth)
+    assert "prosim in place of path" in done("render", scene, "--noise", 0.1).stdout
+
+
+SMOKE = '<shape type="sphere"><medium name="interior" type="homogeneous"/><bsdf type="null"/></shape>'
+
+
+@pytest.mark.parametrize(
+    "limit, content",
+    [('<integer name="max_depth" value="1"/>', ""), ('<boolean name="hide_emitters" value="true"/>', ""), ("", SMOKE)],
+)
+def test_with_a_target_path_is_kept_where_prosim_has_another_image(scene, variant_rgb, limit, content):
+    scene.write_text(scene_text(f'<integrator type="path">{limit}</integrator>', LIT_FLOOR + content))
+    assert "path within prosim_adaptive" in done("render", scene, "--noise", 0.1).stdout
+    loaded = mi.load_file(str(scene))
+    assert "PathIntegrator" in str(with_targets(loaded.integrator(), loaded).nested)
 
 
 @pytest.mark.parametrize("nested", ["path", "prosim", "prosim_adaptive", "aov"])

@@ -48,15 +48,17 @@ def test_diffuse_scene_equals_direct(variant_rgb):
         assert same_expectation(direct, ours)
 
 
-def test_russian_roulette_does_not_change_the_mean(variant_rgb):
-    scene = alone({"type": "dielectric"}, type="prosim", adaptive="none", samples=8, max_level=3)
-    by_lot, every = (renderings(scene, 3, rr_throughput=part, **scene["integrator"]) for part in (0.3, 0.0))
+@pytest.mark.parametrize("bounces", [0, -1, 2])
+def test_russian_roulette_does_not_change_the_mean(variant_rgb, bounces):
+    how = {"type": "prosim", "adaptive": "none", "samples": 8, "max_level": 3, "diffuse_bounces": bounces}
+    scene = penumbra(**how) if bounces else alone({"type": "dielectric"}, **how)
+    by_lot, every = (renderings(scene, 3, rr_throughput=part, **scene["integrator"]) for part in (0.8, 0.0))
     difference = (by_lot - every)[..., 1].mean(axis=0)
     within = difference != 0
     z = difference[within].mean() / (difference[within].std() / np.sqrt(within.sum()))
     assert within.sum() > 30 and abs(z) < 4.5
-    defaults = [mi.load_dict({"type": "prosim", "caustics": caustics}).rr_throughput for caustics in (False, True)]
-    assert defaults == [0.0, 0.01]
+    usual = [{}, {"caustics": True}, {"diffuse_bounces": -1}]
+    assert [mi.load_dict({"type": "prosim"} | how).rr_throughput for how in usual] == [0.0, 0.01, 0.2]
 
 
 def test_full_sphere_on_a_diffuse_surface_has_no_variance(variant_rgb):

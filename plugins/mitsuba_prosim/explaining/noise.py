@@ -32,7 +32,7 @@ DIMENSIONS = {
     "time": ("the time", "more samples, or a shorter exposure"),
     "lobe": ("the directions of rays from surfaces", "more samples"),
     "choice": ("the choices of lobes", "more samples"),
-    "roulette": ("Russian roulette", "more samples, or less Russian roulette (rr_depth, in trees rr_throughput)"),
+    "roulette": ("Russian roulette", "more samples, or less Russian roulette (rr_throughput, in paths rr_depth)"),
     "lamp": ("the choice of a lamp and of a point on it", "more samples"),
     "photons": ("the paths of the photons", f"many more photons (caustic_photons), or more than {MAPS} samples"),
 }

@@ -105,12 +105,12 @@ class Prosim(ProgressiveIntegrator):
 
      * - rr_depth
        - |int|
-       - Level from which Russian roulette may end paths; only with :monosp:`diffuse_bounces` (Default: 5)
+       - Level from which Russian roulette may end any path; only with :monosp:`diffuse_bounces` (Default: 5)
 
      * - rr_throughput
        - |float|
-       - Throughput below which Russian roulette may end branches of the tree; 0: never (Default: 0.01 with
-         :monosp:`caustics`, else 0)
+       - Throughput below which Russian roulette may end paths and branches of the tree; 0: never (Default: 0.2 for
+         paths, 0.01 for a tree with :monosp:`caustics`, else 0)
 
      * - hide_emitters
        - |bool|
@@ -232,7 +232,8 @@ class Prosim(ProgressiveIntegrator):
         self.cutoff = number(props, "cutoff", 0.0, 0)
         self.rr_depth = whole(props, "rr_depth", 5, 0)
         self.caustics = flag(props, "caustics")
-        self.rr_throughput = number(props, "rr_throughput", 0.01 if self.caustics else 0.0, 0)
+        usual = 0.2 if self.diffuse_bounces else 0.01 if self.caustics else 0.0
+        self.rr_throughput = number(props, "rr_throughput", usual, 0)
         self.caustic_photons = whole(props, "caustic_photons", 1 << 20, 1)
         self.layers = choice(props, "layers", KINDS)
         if not dr.is_jit_v(mi.Float):

@@ -102,8 +102,9 @@ def render(
     ``progress``
         Whether to show a bar, which is a widget in a notebook; or a function that gets the progress, 0 to 1.
 
-    Any integrator that takes samples from a sensor works. Raises RuntimeError in scalar variants and without a variant,
-    ValueError for wrong arguments, and the errors of loading the scene.
+    Any integrator that takes samples from a sensor works; with ``noise`` or ``time``, ``prosim`` follows the light
+    paths of ``path``. Raises RuntimeError in scalar variants and without a variant, ValueError for wrong arguments, and
+    the errors of loading the scene.
     """
     with reporter(progress) as report:
 
@@ -134,8 +135,8 @@ def converge(
     integrator: Any = loaded.integrator() or create("path")
     if "denoised.R" in integrator.aov_names():  # prosim_denoised
         integrator, denoise = integrator.nested, True
-    if limits and not rendering.is_progressive(integrator):
-        integrator = create("prosim_adaptive", nested=integrator)
+    if limits:
+        integrator = rendering.with_targets(integrator, loaded)
     sensor = pick_sensor(loaded, sensor) if isinstance(sensor, int) else sensor
     image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
     interrupted = False

@@ -11,8 +11,8 @@ from .. import compat
 from ..engine.plan import SAMPLING, TARGETS
 from ..transport.transport_context import DEEPEST_TREE
 
-#: Parameters of sampling that nest an integrator in ``prosim_adaptive``, if the integrator lacks them. The others, such
-#: as ``samples``, do not: a user may give them by mistake.
+#: Parameters of sampling that put ``prosim`` or ``prosim_adaptive`` in the place of an integrator that lacks them. The
+#: others, such as ``samples``, do not: a user may give them by mistake.
 WRAPPING = (*TARGETS, "max_samples", "adaptive")
 
 #: Limits of a film: pixels per side, and pixels in total. A film counts its values in 32 bits, with several values per
@@ -43,10 +43,11 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     ``resolution`` is the new size (width, height) and ``crop`` the new crop window (x, y, width, height) in pixels, or
     None. ``parameters`` are new values for parameters of the integrator; None deletes a parameter. Parameters of
     sampling, such as ``samples``, are set for the outermost integrator; those in :data:`WRAPPING`, such as ``noise``,
-    first nest an integrator of Mitsuba in ``prosim_adaptive``. All others are set for every integrator ``prosim``; if
-    there is none, ``diffuse_bounces`` replaces the scene's integrator by ``prosim``, with the same ``max_depth``. A
-    scene without an integrator first gets Mitsuba's default, ``path``. Raises ValueError if a film cannot have this
-    size, or if no integrator has the parameters.
+    first replace ``path`` by ``prosim``, which follows the same light paths, and nest another integrator of Mitsuba in
+    ``prosim_adaptive``. All others are set for every integrator ``prosim``; if there is none, ``diffuse_bounces``
+    replaces the scene's integrator by ``prosim``, with the same ``max_depth``. A scene without an integrator first gets
+    Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has the
+    parameters.
     """
     if resolution or crop:
         _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
@@ -61,6 +62,8 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
     if integrators and integrators[0].props.plugin_name() == "prosim_denoised":
         integrators = integrators[1:]  # the nested one, which takes the samples
+    if set(sampling) & set(WRAPPING) and integrators and _is_replaceable(integrators[0].props, state):
+        others.setdefault("diffuse_bounces", -1)
     if others and not ours and integrators and "diffuse_bounces" in others:
         replaced = _replace(integrators, others)
         ours = [integrators[0].props]
@@ -81,13 +84,21 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     if not set(sampling) & set(WRAPPING):
         raise ValueError(
             f"only the integrators prosim and prosim_adaptive have {option_names(sampling)}; this scene's is {named}. "
-            f"Any of {option_names(WRAPPING)} puts it inside prosim_adaptive"
+            f"Any of {option_names(WRAPPING)} puts one of them in its place"
         )
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
     outer, inner = next(node for node in _integrators(state) if node.props.plugin_name() == plugin), state.nodes[-1]
     outer.props, inner.file_index, inner.offset = wrapper, outer.file_index, outer.offset
     return f"{plugin} within prosim_adaptive"
+
+
+def _is_replaceable(props: mi.Properties, state: mi.parser.ParserState) -> bool:
+    """Tells whether an integrator is ``path``, and ``prosim`` gives the same image: always with a reflection, without
+    the media that ``path`` ignores, and without ``hide_emitters``, which Mitsuba does not apply behind holes.
+    """
+    same = props.get("max_depth", -1) not in (0, 1) and not props.get("hide_emitters", False)
+    return props.plugin_name() == "path" and same and mi.ObjectType.Medium not in [node.type for node in state.nodes]
 
 
 def _replace(integrators: Sequence[mi.parser.SceneNode], parameters: dict[str, Any]) -> str:
@@ -102,7 +113,7 @@ def _replace(integrators: Sequence[mi.parser.SceneNode], parameters: dict[str, A
         )
     parameters.setdefault("max_level", max(depth - 2, -1))  # a path of max_depth 2 has one reflection, as has level 0
     integrators[0].props = mi.Properties("prosim")
-    kept = (*SAMPLING, "aovs", "channels", "hide_emitters")
+    kept = (*SAMPLING, "aovs", "channels", "hide_emitters", "rr_depth")
     _set(integrators[0].props, [(name, before[name]) for name in kept if name in before])
     return f"prosim in place of {before.plugin_name()}"
 

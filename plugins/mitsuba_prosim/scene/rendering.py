@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from ..compat import denormals_rounded
 from ..engine.work import Step, Steps
 from ..parameters import check_samples
+from ..registry import create
 from ..sampling.hash import combine, hash32
 
 
@@ -20,14 +22,30 @@ def is_progressive(integrator: mi.Integrator) -> bool:
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
 
+def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
+    """Returns a progressive integrator that gives the same image of ``scene``: ``integrator`` itself if it is
+    progressive, ``prosim`` in place of ``path`` as in :func:`.overrides.apply`, else ``prosim_adaptive`` around it.
+    """
+    if is_progressive(integrator):
+        return integrator
+    limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", str(integrator))
+    media = [shape for shape in scene.shapes() if shape.is_medium_transition()]
+    media += [sensor for sensor in scene.sensors() if sensor.get_medium() is not None]
+    if limits is None or (depth := int(limits[1])) < 2 or integrator.hide_emitters or media:
+        return create("prosim_adaptive", nested=integrator)
+    # A path of max_depth 2 has one reflection, as has level 0. Without a limit, Mitsuba's max_depth is 2^32 - 1.
+    level = depth - 2 if depth < 2**31 else -1
+    return create("prosim", diffuse_bounces=-1, max_level=level, rr_depth=int(limits[2]))
+
+
 def require_progressive(integrator: mi.Integrator, what: str) -> None:
     """Raises ValueError if an integrator does not render progressively, as ``what``, an option or a function, needs."""
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
             f"{str(integrator).partition('[')[0]}. Give the parameter noise (--noise 0.01, in Python "
-            'integrator={"noise": 0.01}), or adaptive (--adaptive none --samples 8), for example: prosim_adaptive then '
-            "wraps it."
+            'integrator={"noise": 0.01}), or adaptive (--adaptive none --samples 8), for example: one of them then '
+            "takes its place."
         )
 
 

@@ -135,9 +135,9 @@ class Path:
         """Samples the ray that continues the path after ``vertex``; returns ``(ray, active, path)``.
 
         If the number of diffuse reflections is unlimited, the ray is sampled from all lobes together; else it leaves
-        through a specular or a diffuse lobe. Russian roulette begins at level ``rr_depth``: the probability of survival
-        is the greatest component of the throughput, times eta², but at most 0.95. ``active`` is unused
-        (:meth:`Tree.proceed` needs it).
+        through a specular or a diffuse lobe. Russian roulette begins at a throughput below ``rr_throughput``. From
+        level ``rr_depth`` on, any path ends with a probability of at least 0.05, because no material may darken it.
+        ``active`` is unused (:meth:`Tree.proceed` needs it).
         """
         bounces, node = self.bounces, vertex.ray.node
         if bounces is None:
@@ -146,9 +146,10 @@ class Path:
             ray, continues, eta, bounces = specular_or_diffuse(context, vertex, points, bounces)
         ray.node = node + 1
         eta *= self.eta
-        # The factor eta² makes up for the scaling of radiance inside glass, which is not a loss of light.
-        survival = dr.minimum(dr.max(ray.throughput) * dr.square(eta), 0.95)
-        survival = dr.select(ray.level >= context.settings.rr_depth, survival, 1)
+        survival = dr.select(ray.level >= context.settings.rr_depth, mi.Float(0.95), 1)
+        if (limit := context.settings.rr_throughput) > 0:
+            # The factor eta² makes up for the scaling of radiance inside glass, which is not a loss of light.
+            survival = dr.minimum(survival, dr.max(ray.throughput) * dr.square(eta) / dr.opaque(mi.Float, limit))
         ray, continues = roulette(ray, continues, survival, points.choice(context.space(node, ROULETTE)))
         return ray, continues, Path(bounces, eta)
 

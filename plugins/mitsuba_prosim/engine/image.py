@@ -13,6 +13,7 @@ import numpy as np
 from ..alone import alone
 from ..compat import denormals_rounded, double, dr_array
 from ..sampling.hash import hash32
+from ..sampling.sobol import z_curve
 from .accumulators import Accumulators
 from .estimator import Estimator
 from .film import film_values, put
@@ -40,7 +41,8 @@ class Image(PixelSet):
         self.margin = self.policy.rounds * self.policy.reach
         #: The rectangle of the pixels in the arrays, row by row.
         self.outer = widened(plan.region, self.margin, plan.domain)
-        self.own, (self.x, self.y) = slice(0, area(self.outer)), pixels(self.outer)
+        self.own = slice(0, area(self.outer))
+        self._set_pixels(*pixels(self.outer))
         self.seed = dr_array(np.full(area(self.outer), plan.seed))
         self.accumulators = Accumulators.empty(estimator.sums_per_pixel, area(self.outer))
         #: The last measurement by :class:`.SecondImage`, see :data:`Noise`.
@@ -62,6 +64,11 @@ class Image(PixelSet):
 
     # ---------------------------------------------------------------- changes of the state
 
+    def _set_pixels(self, x: mi.Int32, y: mi.Int32) -> None:
+        """Stores the coordinates of the pixels of both images."""
+        self.x, self.y = x, y
+        self.along_z = np.argsort(z_curve(np.array(x).astype(np.uint32), np.array(y).astype(np.uint32)))
+
     def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
         """Begins a pass to ``wanted`` samples a pixel; ``rounds`` numbers its decision, by default the next."""
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
@@ -73,7 +80,7 @@ class Image(PixelSet):
         second, stored = SecondImage(self, complete), self.second_sums
         number = len(second.index)
         values = ((np.array(v)[self.own], np.array(v)[second.index]) for v in (self.x, self.y))
-        self.x, self.y = (dr_array(np.concatenate(both)) for both in values)
+        self._set_pixels(*(dr_array(np.concatenate(both)) for both in values))
         self.seed = dr_array(np.concatenate([np.full(self.own.stop, self.plan.seed), second.seeds]))
         if stored or np.any(self.count):
             ours = self.accumulators.arrays(self.own)

@@ -27,6 +27,8 @@ class PixelSet:
     x: mi.Int32
     y: mi.Int32
     seed: mi.UInt32
+    #: The numbers of the pixels of both images in their order along the Z curve.
+    along_z: np.ndarray
     accumulators: Accumulators
 
     @property

@@ -117,8 +117,12 @@ def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
 
 
 def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
-    """Returns the emitters of ``scene`` in an order that is the same in every process: those on meshes are last."""
-    return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in scene.emitters()])
+    """Returns the emitters of ``scene`` in an order that is the same in every process: those on meshes are last. Those
+    that no integrator of Mitsuba finds are left out: no ray meets them, and their ``sampling_weight`` is 0.
+    """
+    delta = mi.EmitterFlags.Delta
+    emitters = [e for e in scene.emitters() if e.sampling_weight() > 0 or not mi.has_flag(e.flags(), delta)]
+    return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in emitters])
 
 
 def emitter_pointers(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> mi.EmitterPtr:

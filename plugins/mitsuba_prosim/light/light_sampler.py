@@ -25,9 +25,9 @@ from .strategy import Index, Receiver
 RAYS = 256
 
 #: Bounds that limit the error of an importance, which ignores shadows: the minimum cosine at the receiver, the minimum
-#: fraction of a lamp's power that is uniform over all directions, and the minimum power of a lamp relative to the mean
-#: of all lamps.
-LEAST_COSINE, LEAST_EVEN, LEAST_POWER = 0.02, 0.1, 0.2
+#: fraction of a lamp's power that is uniform over all directions, and what is added to the importance of each lamp at a
+#: receiver, relative to the mean importance of all lamps there: a third of the choices are uniform.
+LEAST_COSINE, LEAST_EVEN, LEAST_SHARE = 0.02, 0.1, 0.5
 
 #: Radius of the sphere for a lamp whose light does not fall with the distance (the sky, the sun), divided by the
 #: scene's radius.
@@ -66,20 +66,25 @@ class LightSampler:
 
     def probability(self, k: Index, receiver: Receiver, active: mi.Bool) -> mi.Float:
         """Returns the probability of the lamp ``k``."""
+        least, total = self._least_and_total(receiver, active)
+        return (self.importance(k, receiver, active) + least) / dr.select(total > 0, total, 1)
+
+    def _least_and_total(self, receiver: Receiver, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
+        """Returns what is added to the importance of each lamp at ``receiver``, and the sum of all these sums."""
         total = self.total(receiver, active)
-        return self.importance(k, receiver, active) / dr.select(total > 0, total, 1)
+        return total * (LEAST_SHARE / self.count), total * (1 + LEAST_SHARE)
 
     def choose(self, receiver: Receiver, sample: mi.Float, active: mi.Bool) -> tuple[mi.UInt32, mi.Float, mi.Float]:
         """Chooses a lamp by ``sample`` in [0, 1); returns its number, its probability, and a new number in [0, 1): the
         position of ``sample`` within the interval of the lamp, whose length is the probability.
         """
-        total = self.total(receiver, active)
+        least, total = self._least_and_total(receiver, active)
         sample = sample * total
         State = tuple[mi.UInt32, mi.Float, mi.Float, mi.Float]
 
         def visit(k: Index, state: State) -> State:
             chosen, importance, begin, end = state
-            own_importance = self.importance(k, receiver, active)
+            own_importance = self.importance(k, receiver, active) + least
             # Takes the last lamp whose interval begins at or below the number, because the sums are rounded.
             picks = sample >= end
             chosen, importance = dr.select(picks, mi.UInt32(k), chosen), dr.select(picks, own_importance, importance)
@@ -133,8 +138,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     the lobe.
 
     The model of a lamp whose light decreases with the distance is computed from rays that it emits. Any other lamp, and
-    a lamp that cannot emit rays, is uniform, with a sphere of :data:`FAR` times the scene's radius. Each lamp gets a
-    further uniform part, so that no importance is 0.
+    a lamp that cannot emit rays, is uniform, with a sphere of :data:`FAR` times the scene's radius. If all lamps seem
+    black, all get the same intensity, so that no sum of importances is 0.
     """
     sphere = scene.bbox().bounding_sphere()
     size = max(float(sphere.radius), 1e-3)
@@ -146,10 +151,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
         rows[k] = nearby_lamp_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
     rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
-    # Powers are compared as irradiance in the scene. A nearby lamp counts as if its distance were the scene's radius.
-    scale = np.where(np.isin(np.arange(len(emitters)), list(rays)), size, FAR * size) ** 2
-    least = LEAST_POWER * (rows[:, 4:6].sum(1) / scale).mean()
-    rows[:, 4] += (least or 1.0) * scale
+    if not rows[:, 4:6].any():
+        rows[:, 4] = 1
     # Values are rounded to ten bits, so that rounding errors of the rays do not matter.
     mantissa, exponent = np.frexp(rows)
     return np.ldexp(np.round(mantissa * 1024) / 1024, exponent)

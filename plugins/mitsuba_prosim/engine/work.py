@@ -74,7 +74,7 @@ class WorkItem:
     start: Accumulators
     end: mi.UInt32
     #: Number of samples that the pixels need together.
-    samples: int = 0
+    samples: int
     #: Function that stores the sums in the image; in another process, it only evaluates them.
     store: Callable[..., None] = dr.eval
 

@@ -192,7 +192,8 @@ def instantiate(config: mi.parser.ParserConfig, state: mi.parser.ParserState, in
 
 def children(props: mi.Properties) -> list[tuple[str, Any]]:
     """Returns ``(name, reference)`` for each child object among the properties ``props`` of a parsed object."""
-    return [(name, value) for name, value in props.items() if isinstance(value, mi.Properties.ResolvedReference)]
+    items = mi.Properties(props).items()  # of a copy: a property that has been read does not count as unknown any more
+    return [(name, value) for name, value in items if isinstance(value, mi.Properties.ResolvedReference)]
 
 
 # ---------------------------------------------------------------- pointers

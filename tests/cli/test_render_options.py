@@ -311,6 +311,38 @@ def test_with_a_target_path_is_kept_where_prosim_has_another_image(scene, varian
     assert "PathIntegrator" in str(with_targets(loaded.integrator(), loaded).nested)
 
 
+@pytest.mark.parametrize("option", [("--noise", 0.1), ("--paths",)])
+@pytest.mark.parametrize(
+    "wrong, says",
+    [
+        ('<integer name="depth" value="3"/>', "path has no parameter depth"),
+        ('<string name="max_depth" value="3"/>', '"max_depth" has the wrong type'),
+        ('<integer name="max_depth" value="-5"/>', '"max_depth" must be set to -1'),
+        ('<bsdf type="diffuse"/>', "path has no parameter"),
+    ],
+)
+def test_what_mitsuba_refuses_of_path_is_refused(scene, option, wrong, says):
+    scene.write_text(scene_text(f'<integrator type="path">{wrong}</integrator>', LIT_FLOOR))
+    refused(says, "render", scene, *option)
+
+
+def test_old_names_of_parameters_are_known(scene, variant_rgb):
+    """Those of scenes for Mitsuba before 2.0."""
+    limit = '<integrator type="path"><integer name="maxDepth" value="4"/></integrator>'
+    text = scene_text(limit, LIT_FLOOR).replace("3.0.0", "0.6.0").replace("sample_count", "sampleCount")
+    scene.write_text(text)
+    file = scene_file.SceneFile(scene, scene.parent, integrator={"noise": 0.05})
+    loaded = file.load(sampler="owen")
+    assert loaded.integrator().max_level == 2 and loaded.sensors()[0].sampler().sample_count() == 4
+
+
+@pytest.mark.parametrize("plugin", ["perspective", "sphere", "rectangle", "directional"])
+def test_an_unknown_parameter_of_any_plugin_is_refused(scene, plugin):
+    text = scene_text(content=LIT_FLOOR + '<emitter type="directional"></emitter>')
+    scene.write_text(text.replace(f'"{plugin}">', f'"{plugin}"><float name="unheard_of" value="1"/>', 1))
+    refused("has no parameter unheard_of", "render", scene)
+
+
 @pytest.mark.parametrize("nested", ["path", "prosim", "prosim_adaptive", "aov"])
 def test_target_goes_to_the_integrator_that_prosim_denoised_nests(scene, variant_rgb, nested):
     inner = "" if nested in ("path", "prosim") else '<integrator type="path"/>'

@@ -49,10 +49,7 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has the
     parameters.
     """
-    if resolution or crop:
-        _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
-    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
-        _change_film(props, resolution, crop)
+    _change_films(state, resolution, crop)
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
@@ -62,6 +59,8 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     ours = [node.props for node in integrators if node.props.plugin_name() == "prosim"]
     if integrators and integrators[0].props.plugin_name() == "prosim_denoised":
         integrators = integrators[1:]  # the nested one, which takes the samples
+    if integrators and _is_wrong_path(integrators[0].props):
+        return None  # Mitsuba will say what is wrong
     if set(sampling) & set(WRAPPING) and integrators and _is_replaceable(integrators[0].props, state):
         others.setdefault("diffuse_bounces", -1)
     if others and not ours and integrators and "diffuse_bounces" in others:
@@ -91,6 +90,17 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     outer, inner = next(node for node in _integrators(state) if node.props.plugin_name() == plugin), state.nodes[-1]
     outer.props, inner.file_index, inner.offset = wrapper, outer.file_index, outer.offset
     return f"{plugin} within prosim_adaptive"
+
+
+def _is_wrong_path(props: mi.Properties) -> bool:
+    """Tells whether ``props`` are those of a ``path`` that Mitsuba refuses, for example for an unknown parameter."""
+    if props.plugin_name() != "path" or compat.children(props):
+        return props.plugin_name() == "path"
+    try:
+        mi.load_dict({"type": "path", **dict(mi.Properties(props).items())})
+    except RuntimeError:
+        return True
+    return False
 
 
 def _is_replaceable(props: mi.Properties, state: mi.parser.ParserState) -> bool:
@@ -134,6 +144,13 @@ def _change_prosim(props: mi.Properties, parameters: dict[str, Any]) -> None:
 def option_names(parameters: Iterable[str]) -> str:
     """Returns the names of the command's options for ``parameters`` of the integrator, separated by commas."""
     return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
+
+
+def _change_films(state: mi.parser.ParserState, resolution: Size, crop: Window) -> None:
+    if resolution or crop:
+        _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
+    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
+        _change_film(props, resolution, crop)
 
 
 def _change_film(props: mi.Properties, resolution: Size, crop: Window) -> None:

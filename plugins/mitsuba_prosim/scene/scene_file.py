@@ -229,6 +229,7 @@ def parse(
     config = mi.parser.ParserConfig(mi.variant() or "")
     config.unused_parameters = unused
     state = mi.parser.parse_file(config, str(path), **parameters)
+    mi.parser.transform_upgrade(config, state)  # old names of parameters, such as maxDepth
     check_parameters(state)
     return state
 

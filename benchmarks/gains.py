@@ -13,9 +13,8 @@
     ``independent``, at 64 samples per pixel. Scenes whose tree has one level (stage, copper ball, metal floor, 24
     lamps) have only direct light, and ``direct`` instead of ``path``.
 ``targets``
-    Renders to a given noise: ``prosim_adaptive`` around ``path``, and ``prosim`` with all light paths; compared with
-    ``path`` and the sampler ``multijitter`` at 64 samples, whose error is the noise. So ``path`` knows beforehand how
-    many samples it needs.
+    Renders to a given noise by ``prosim`` with all light paths, compared with ``path`` and the sampler ``multijitter``
+    at 64 samples, whose error is the noise. So ``path`` knows beforehand how many samples it needs.
 ``denoised``
     ``prosim_denoised``, compared with the raw image of the same number of samples.
 ``in-time``
@@ -41,7 +40,7 @@ from mitsuba_prosim.light import table as lights
 from subjects import DEPTH, Subject
 
 #: The paths of this integrator are as long as those of ``path`` with DEPTH edges: the vertices between camera and lamp
-#: are the levels 0 to DEPTH - 2. Both integrators use the same Russian roulette.
+#: are the levels 0 to DEPTH - 2.
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": DEPTH - 2}
 NESTED = {"type": "prosim_adaptive", "nested": {"type": "path", "max_depth": DEPTH}}
 Entries = tuple[list[Run], dict[str, Any], int]
@@ -97,8 +96,7 @@ def targets(subject: Subject, n: int = 8) -> Entries:
     weights = [0.212671, 0.715160, 0.072169]  # of the luminance
     first, second = (displayed(fixed.render(seed)[0] @ weights) for seed in (1, 2))
     noise = float(np.sqrt(np.mean(np.square(first - second)) / 2))
-    ours = {"--noise": NESTED, "--paths --noise": PATHS}
-    return [*(Run(name, scene, entry | {"noise": noise}) for name, entry in ours.items()), fixed], theirs, 256
+    return [Run("--noise", scene, PATHS | {"noise": noise}), fixed], theirs, 256
 
 
 def denoised(subject: Subject, n: int = 6) -> Entries:

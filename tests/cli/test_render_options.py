@@ -286,23 +286,30 @@ def test_paths_keep_the_depth_of_the_integrator(scene, variant_rgb, plugin, arou
         level(1)
 
 
-@pytest.mark.parametrize("depth, rr_depth", [(-1, 5), (2, 5), (8, 9)])
-def test_with_a_target_prosim_follows_the_paths_of_path(scene, variant_rgb, depth, rr_depth):
+@pytest.mark.parametrize("depth, rr_depth, hides", [(-1, 5, False), (2, 5, True), (8, 9, False)])
+def test_with_a_target_prosim_follows_the_paths_of_path(scene, variant_rgb, depth, rr_depth, hides):
     """In the place of ``path`` in a file, and in a loaded scene."""
     limits = f'<integer name="max_depth" value="{depth}"/><integer name="rr_depth" value="{rr_depth}"/>'
+    limits += f'<boolean name="hide_emitters" value="{str(hides).lower()}"/>'
     scene.write_text(scene_text(f'<integrator type="path">{limits}</integrator>', LIT_FLOOR))
     file, loaded = scene_file.SceneFile(scene, scene.parent, integrator={"noise": 0.05}), mi.load_file(str(scene))
     for ours in (file.load().integrator(), with_targets(loaded.integrator(), loaded)):
-        assert (ours.max_level, ours.diffuse_bounces, ours.rr_depth) == (max(depth - 2, -1), -1, rr_depth)
+        assert (ours.max_level, ours.diffuse_bounces) == (max(depth - 2, -1), -1)
+        assert (ours.rr_depth, ours.hide_emitters) == (rr_depth, hides)
     assert "prosim in place of path" in done("render", scene, "--noise", 0.1).stdout
 
 
+HOLE = '<shape type="sphere"><bsdf type="mask"><bsdf type="diffuse"/></bsdf></shape>'
 SMOKE = '<shape type="sphere"><medium name="interior" type="homogeneous"/><bsdf type="null"/></shape>'
 
 
 @pytest.mark.parametrize(
     "limit, content",
-    [('<integer name="max_depth" value="1"/>', ""), ('<boolean name="hide_emitters" value="true"/>', ""), ("", SMOKE)],
+    [
+        ('<integer name="max_depth" value="1"/>', ""),
+        ('<boolean name="hide_emitters" value="true"/>', HOLE),
+        ("", SMOKE),
+    ],
 )
 def test_with_a_target_path_is_kept_where_prosim_has_another_image(scene, variant_rgb, limit, content):
     scene.write_text(scene_text(f'<integrator type="path">{limit}</integrator>', LIT_FLOOR + content))

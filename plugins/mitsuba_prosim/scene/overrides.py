@@ -23,6 +23,9 @@ LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
 Size: TypeAlias = "tuple[int, int] | None"
 Window: TypeAlias = "tuple[int, int, int, int] | None"
 
+#: Mitsuba's materials through which a ray may pass straight on.
+HOLES = ("mask", "null", "thindielectric", "polarizer", "circular", "retarder")
+
 #: The parameters of a film for the crop window.
 CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
 
@@ -105,10 +108,12 @@ def _is_wrong_path(props: mi.Properties) -> bool:
 
 def _is_replaceable(props: mi.Properties, state: mi.parser.ParserState) -> bool:
     """Tells whether an integrator is ``path``, and ``prosim`` gives the same image: always with a reflection, without
-    the media that ``path`` ignores, and without ``hide_emitters``, which Mitsuba does not apply behind holes.
+    the media that ``path`` ignores, and without holes and ``hide_emitters``, which Mitsuba does not apply behind holes.
     """
-    same = props.get("max_depth", -1) not in (0, 1) and not props.get("hide_emitters", False)
-    return props.plugin_name() == "path" and same and mi.ObjectType.Medium not in [node.type for node in state.nodes]
+    reflects, hides = props.get("max_depth", -1) not in (0, 1), props.get("hide_emitters", False)
+    has_media = mi.ObjectType.Medium in [node.type for node in state.nodes]
+    has_holes = any(node.props.plugin_name() in HOLES for node in state.nodes)
+    return props.plugin_name() == "path" and reflects and not has_media and not (hides and has_holes)
 
 
 def _replace(integrators: Sequence[mi.parser.SceneNode], parameters: dict[str, Any]) -> str:

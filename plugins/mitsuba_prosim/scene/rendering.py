@@ -12,6 +12,7 @@ import numpy as np
 
 from ..compat import denormals_rounded
 from ..engine.work import Step, Steps
+from ..optics.nested import all_flags
 from ..parameters import check_samples
 from ..registry import create
 from ..sampling.hash import combine, hash32
@@ -31,11 +32,12 @@ def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
     limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", str(integrator))
     media = [shape for shape in scene.shapes() if shape.is_medium_transition()]
     media += [sensor for sensor in scene.sensors() if sensor.get_medium() is not None]
-    if limits is None or (depth := int(limits[1])) < 2 or integrator.hide_emitters or media:
+    hides, holes = integrator.hide_emitters, all_flags(scene) & int(mi.BSDFFlags.Null)
+    if limits is None or (depth := int(limits[1])) < 2 or media or (hides and holes):
         return create("prosim_adaptive", nested=integrator)
     # A path of max_depth 2 has one reflection, as has level 0. Without a limit, Mitsuba's max_depth is 2^32 - 1.
     level = depth - 2 if depth < 2**31 else -1
-    return create("prosim", diffuse_bounces=-1, max_level=level, rr_depth=int(limits[2]))
+    return create("prosim", diffuse_bounces=-1, max_level=level, rr_depth=int(limits[2]), hide_emitters=hides)
 
 
 def require_progressive(integrator: mi.Integrator, what: str) -> None:

@@ -299,6 +299,13 @@ def test_with_a_target_prosim_follows_the_paths_of_path(scene, variant_rgb, dept
     assert "prosim in place of path" in done("render", scene, "--noise", 0.1).stdout
 
 
+def test_ptracer_cannot_reach_a_target(scene, variant_rgb):
+    scene.write_text(scene_text('<integrator type="ptracer"/>', LIT_FLOOR))
+    loaded = mi.load_file(str(scene))
+    with pytest.raises(ValueError, match="one integrator that takes samples from a sensor"):
+        with_targets(loaded.integrator(), loaded)
+
+
 HOLE = '<shape type="sphere"><bsdf type="mask"><bsdf type="diffuse"/></bsdf></shape>'
 SMOKE = '<shape type="sphere"><medium name="interior" type="homogeneous"/><bsdf type="null"/></shape>'
 
@@ -309,6 +316,7 @@ SMOKE = '<shape type="sphere"><medium name="interior" type="homogeneous"/><bsdf 
         ('<integer name="max_depth" value="1"/>', ""),
         ('<boolean name="hide_emitters" value="true"/>', HOLE),
         ("", SMOKE),
+        ("", f'<shape type="shapegroup" id="g">{SMOKE}</shape><shape type="instance"><ref id="g"/></shape>'),
     ],
 )
 def test_with_a_target_path_is_kept_where_prosim_has_another_image(scene, variant_rgb, limit, content):

@@ -11,7 +11,7 @@ from mitsuba_prosim.compat import MXCSR, denormals_rounded, to_world_name
 from mitsuba_prosim.engine.camera import ray_sampler
 from mitsuba_prosim.engine.derivatives import Derivatives
 from mitsuba_prosim.engine.policies import POLICIES, Neighbours, error_of_neighbours
-from mitsuba_prosim.engine.work import WorkItem
+from mitsuba_prosim.engine.work import Executor, WorkItem, work_items
 from mitsuba_prosim.scene import session
 from scenes import (
     COPPER,
@@ -153,6 +153,20 @@ def test_work_items_share_their_kernels(variant_rgb, monkeypatch):
     lamp = {"type": "sphere", "center": [3, 3, 3], "radius": 0.3, "emitter": {"type": "area", "radiance": 5.0}}
     render(penumbra(COPPER, type="prosim", adaptive="none", band=300) | {"lamp": lamp})
     assert len(used) == 4 and all(one == used[0] for one in used)
+
+
+@pytest.mark.parametrize("lack", [[4, 0, 0], [4, 4, 0], [1, 4, 2], [4] * 6, [0, 5000, 0, 0]])
+def test_no_work_item_has_a_single_pixel(variant_rgb, monkeypatch, lack):
+    """Dr.Jit compiles other kernels for arrays of one entry."""
+    monkeypatch.setattr(Executor, "limit", lambda *_: 1)
+    scene = penumbra(COPPER, type="prosim", adaptive="none")
+    scene["sensor"]["film"].update(width=len(lack), height=1)
+    scene = mi.load_dict(scene)
+    image = scene.integrator().progressive(scene, scene.sensors()[0]).state
+    items = list(work_items(image, image.plan, np.array(lack, np.uint32), Executor(), lambda: np.inf))
+    sizes = [len(item.compute().count) for item in items]
+    assert set(sizes) <= {2, 3} and sum(item.samples for item in items) == sum(lack)
+    assert image.count.tolist() == lack
 
 
 @pytest.mark.parametrize("sensor", ["perspective", *slow("thinlens", "prosim_window")])

@@ -178,18 +178,23 @@ def work_items(
     in the same work item if possible, because their rays are similar.
     """
     lack = lacking(image, wanted)
-    order = image.along_z[image.along_z < len(lack)]
-    order = order[lack[order] > 0]
+    here = image.along_z[image.along_z < len(lack)]
+    order = here[lack[here] > 0]
     # A stable sort of 16 bits is fast, and keeps the order along the Z curve among equal numbers.
     order = order[np.argsort(np.minimum(lack.max() - lack[order], 0xFFFF).astype(np.uint16), kind="stable")]
-    ends = np.cumsum(lack[order])
+    # Dr.Jit would compile another kernel for an item of one pixel. So each item has two at least, if the image has two;
+    # the second one may lack no sample.
+    if len(order) == 1:
+        order = np.append(order, here[lack[here] == 0][:1])
+    ends, wanted = np.cumsum(lack[order]), np.maximum(wanted, np.array(image.accumulators.count)[: len(wanted)])
     # A sample has the values of the channels, its luminance and its position.
     bound = plan.sampling.band * MOST_VALUES // (len(image.estimator.channels.names) + 3)
     begin = before = 0
     while begin < len(order):
         most = before + min(executor.limit(int(ends[-1]) - before, seconds()), bound)
-        end = max(begin + 1, int(np.searchsorted(ends, most, side="right")))
-        end = min(end, begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel))
+        end = begin + min(plan.sampling.band, MOST_SUMS // image.estimator.sums_per_pixel)
+        end = max(begin + 2, min(end, int(np.searchsorted(ends, most, side="right"))))
+        end = end if end < len(order) - 1 else len(order)
         samples, before = int(ends[end - 1]) - before, int(ends[end - 1])
         some = order[begin:end].astype(np.uint32)
         yield _work_item(image, plan, dr_array(some), dr_array(wanted[some]), samples)

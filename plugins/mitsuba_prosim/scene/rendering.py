@@ -12,7 +12,7 @@ import numpy as np
 
 from ..compat import denormals_rounded
 from ..engine.work import Step, Steps
-from ..optics.nested import all_flags
+from ..optics.nested import all_flags, all_shapes
 from ..parameters import check_samples
 from ..registry import create
 from ..sampling.hash import combine, hash32
@@ -30,10 +30,12 @@ def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
     if is_progressive(integrator):
         return integrator
     limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", str(integrator))
-    media = [shape for shape in scene.shapes() if shape.is_medium_transition()]
+    if limits is None:
+        return create("prosim_adaptive", nested=integrator)
+    media = [shape for shape in all_shapes(scene) if shape.is_medium_transition()]
     media += [sensor for sensor in scene.sensors() if sensor.get_medium() is not None]
-    hides, holes = integrator.hide_emitters, all_flags(scene) & int(mi.BSDFFlags.Null)
-    if limits is None or (depth := int(limits[1])) < 2 or media or (hides and holes):
+    hides, depth = integrator.hide_emitters, int(limits[1])
+    if depth < 2 or media or (hides and all_flags(scene) & int(mi.BSDFFlags.Null)):
         return create("prosim_adaptive", nested=integrator)
     # A path of max_depth 2 has one reflection, as has level 0. Without a limit, Mitsuba's max_depth is 2^32 - 1.
     level = depth - 2 if depth < 2**31 else -1

@@ -11,9 +11,11 @@ from ..optics.nested import all_flags, all_shapes, all_within
 from ..transport import lobes
 from .camera import is_perspective
 
-#: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2. Maximum
-#: size in radians of a lamp that few rays from a diffuse surface find through glass: about one of a thousand.
-NARROW, SMALL = 30.0, 0.06
+#: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2; and of
+#: a reflecting lobe that fewer than one of a thousand rays find: that of metal with a roughness of 0.016. The light by
+#: glass has no other way, but a reflection adds to the direct light. Maximum size in radians of a lamp that few rays
+#: from a diffuse surface find through glass: about one of a thousand.
+NARROW, POLISHED, SMALL = 30.0, 300.0, 0.06
 
 
 def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) -> bool:
@@ -26,11 +28,12 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) 
 
     ``by_chance``: whether only rays that meet a lamp by chance find its light behind glass, as in a path tracer. Then a
     lamp is also tiny if the scene has glass, and the lamp's diagonal is less than :data:`SMALL`, seen from the camera;
-    and so is a lamp without an extent if the glass is a little rough. For sensors that are not Mitsuba's perspective
-    camera, the size of lamps is not known.
+    and so is a lamp without an extent if the glass is a little rough, or a metal almost a mirror. For sensors that are
+    not Mitsuba's perspective camera, the size of lamps is not known.
     """
     clear, rough = has_glass(scene) if by_chance else (False, False)
-    if rough and any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters()):
+    points = by_chance and any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters())
+    if points and (rough or has_lobe(scene, "GlossyReflection", POLISHED)):
         return True
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
         return False
@@ -63,11 +66,17 @@ def bright_part(lamp: mi.Emitter) -> float:
 
 def has_glass(scene: mi.Scene) -> tuple[bool, bool]:
     """Tells whether the scene has glass that refracts light into a single direction, and into a narrow cone."""
-    flags = {bsdf: int(bsdf.flags()) for shape in all_shapes(scene) if (bsdf := shape.bsdf()) is not None}
+    return lobes.has_any(all_flags(scene), "DeltaTransmission"), has_lobe(scene, "GlossyTransmission", NARROW)
+
+
+def has_lobe(scene: mi.Scene, kind: str, least: float) -> bool:
+    """Tells whether a BSDF of the scene has a lobe of a ``kind``, a name in ``mi.BSDFFlags``, with a value above
+    ``least`` straight on.
+    """
+    bsdfs = {bsdf for shape in all_shapes(scene) if (bsdf := shape.bsdf()) is not None}
     si = dr.zeros(mi.SurfaceInteraction3f)
     si.wi = mi.Vector3f(0, 0, 1)
-    parts = (part for bsdf in flags for part in all_within(bsdf) if part.class_name() not in MAPS)
-    glossy = [part for part in parts if lobes.has_any(part.flags(), "GlossyTransmission")]
-    values = (bsdf.eval(mi.BSDFContext(), si, -si.wi) for bsdf in glossy)
-    narrow = any(bool(dr.any(dr.max(mi.unpolarized_spectrum(value)) > NARROW)) for value in values)
-    return any(lobes.has_any(has, "DeltaTransmission") for has in flags.values()), narrow
+    wo = si.wi if kind.endswith("Reflection") else -si.wi
+    parts = (part for bsdf in bsdfs for part in all_within(bsdf) if part.class_name() not in MAPS)
+    values = (part.eval(mi.BSDFContext(), si, wo) for part in parts if lobes.has_any(part.flags(), kind))
+    return any(bool(dr.any(dr.max(mi.unpolarized_spectrum(value)) > least)) for value in values)

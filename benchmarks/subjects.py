@@ -16,6 +16,7 @@ from typing import Any
 
 import mitsuba as mi
 import prosim_scene
+from mitsuba_prosim.scene.overrides import CROP
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 OURS = ("palito", "aranha", "chao-rugoso", "penumbra", "fontes", "esfera-metalica", "poste", "chimarrao", "caustica")
@@ -172,15 +173,18 @@ class Subject:
         return mi.load_dict({"type": "scene"} | scene)
 
     def _external(self, path: Path, sampler: str) -> mi.Scene:
-        """Loads a scene by other authors, with the requested width, filter and sampler."""
+        """Loads a scene by other authors, with the requested width, filter and sampler, and without a crop window."""
         config = mi.parser.ParserConfig(mi.variant())
         mi.file_resolver().prepend(str(path.parent.resolve()))
         state = mi.parser.parse_file(config, str(path))
         for node in state.nodes:
             props = node.props
             if node.type == mi.ObjectType.Film:
-                height = round(self.size * props["height"] / props["width"])
+                height = round(self.size * props.get("height", 576) / props.get("width", 768))
                 props["width"], props["height"] = self.size, height
+                for name in CROP:
+                    if name in props:
+                        del props[name]
                 if not any(other.type == mi.ObjectType.ReconstructionFilter for other in state.nodes):
                     props["rfilter"] = mi.load_dict({"type": self.rfilter})
             elif node.type == mi.ObjectType.Integrator:

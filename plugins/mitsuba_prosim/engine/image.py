@@ -311,7 +311,9 @@ def concentration(squares: np.ndarray) -> float:
     return float(np.sum(squares**2) / max(np.sum(squares) ** 2, 1e-300))
 
 
+@denormals_rounded()
 def display_variance(image: PixelSet) -> np.ndarray:
     """Returns each pixel's variance of one sample in displayed values (:func:`.in_display_units`)."""
-    total, squares, count = image.statistics()
-    return np.float32(np.square(in_display_units(np.sqrt(variance(total, squares, count)), total / count)))
+    total, squares, count = image.accumulators.total, image.accumulators.squares, double()(image.accumulators.count)
+    deviation = in_display_units(dr.sqrt(variance(total, squares, count)), total / count)
+    return np.array(mi.Float(dr.square(deviation)))[image.own]

@@ -143,10 +143,10 @@ class Graded(Policy):
         Arguments and result are those of :meth:`Policy.request`.
         """
         # The variances within pixels. Differences between pixels may be an edge or a texture, which is no noise.
-        within = variance(total, squares, count)
+        within, means = np.float32(variance(total, squares, count)), np.float32(total / count)
         deviation = np.sqrt((mean_around(within, 1) + mean_around(within, Graded.reach)) / 2)
         # With the factor N / threshold, a deviation of N * threshold requests N² samples.
-        error = in_display_units(deviation, mean_around(total / count, Graded.reach))
+        error = in_display_units(deviation, mean_around(means, Graded.reach))
         factor = np.float32(self.n / max(self.threshold, 1e-9))
         return factor * np.where(np.isfinite(deviation), error, np.float32(np.inf))
 

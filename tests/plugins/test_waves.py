@@ -412,6 +412,15 @@ def test_work_items_do_not_shrink_to_single_samples(variant_rgb):
     assert samples > 1000
 
 
+@pytest.mark.parametrize("overhead, seconds", [(0.01, 1), (0.1, 2), (0.3, 5), (9, 9)])
+def test_work_items_are_longer_if_they_take_long_to_be_traced(variant_rgb, overhead, seconds):
+    executor = Executor()
+    for _ in range(3):
+        executor.update_speed(10**6, 1.0, overhead)
+    assert executor.limit(10**9) == seconds * 10**6
+    assert executor.limit(10**9, 0.5) == max(0.5, overhead) * 10**6
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_speed_is_measured_with_any_number_of_threads(variant_rgb, threads):
     """One thread computes a kernel when it launches it; several threads compute it later."""

@@ -16,8 +16,8 @@ import numpy as np
 from .image import Image, display_variance
 from .plan import UNLIMITED
 
-#: Duration of a work item with a time limit: this fraction of the time that is left, within these bounds in seconds.
-SHARE, SHORTEST, LONGEST = 0.25, 0.01, 0.5
+#: Maximum duration of a work item with a time limit: this fraction of the time that is left, or this many seconds.
+SHARE, SHORTEST = 0.25, 0.01
 #: The time is up when this fraction of the time limit is left.
 REST = 0.01
 
@@ -101,9 +101,9 @@ class ErrorTarget:
     @property
     def item_seconds(self) -> float:
         """Maximum seconds of the next work item: the fraction :data:`SHARE` of the time that is left, but at least
-        :data:`SHORTEST` and at most :data:`LONGEST`; infinite without a time limit.
+        :data:`SHORTEST`; infinite without a time limit.
         """
-        return min(LONGEST, max(self.seconds_left * SHARE, SHORTEST)) if self.seconds else np.inf
+        return max(self.seconds_left * SHARE, SHORTEST) if self.seconds else np.inf
 
 
 def next_counts(state: Image, target: ErrorTarget, sample_ratio: float, speed: float) -> np.ndarray:

@@ -101,8 +101,12 @@ class Executor:
 
     The value of a sample depends only on the scene, the plan, the pixel and the number of the sample, so a subclass may
     compute work items in other processes and in any order. The computation of a work item takes about ``seconds``: the
-    executor chooses the size of the work item by the measured speed of earlier work items.
+    executor chooses the size of the work item by the measured speed of earlier work items. If the item takes long to be
+    traced and launched, its computation takes :attr:`TRACED` times as long, but at most ``longest`` seconds.
     """
+
+    #: Minimum ratio of the time in which a work item is computed to that in which it is traced and launched.
+    TRACED = 20
 
     #: Maximum factor by which the speed grows from one work item to the next.
     SPEED_GROWTH = 4
@@ -111,8 +115,8 @@ class Executor:
     #: Minimum number of samples of a work item. A smaller item takes the same time, because a kernel must be launched.
     SMALLEST = 1 << 12
 
-    def __init__(self, seconds: float = 1.0) -> None:
-        self.seconds = seconds
+    def __init__(self, seconds: float = 1.0, longest: float = 5.0) -> None:
+        self.seconds, self.longest = seconds, longest
         #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
@@ -125,13 +129,14 @@ class Executor:
         """Returns the maximum number of samples of the next work item.
 
         ``left`` is the number of samples that still have to be divided into work items. The computation of the work
-        item should not take longer than ``seconds``, nor than the attribute ``seconds``. If ``left`` is less than
+        item should not take longer than ``seconds``, nor than an item usually takes. If ``left`` is less than
         :attr:`LAST` times the number of samples for this time, the result is ``left``; else it is at least
         :attr:`SMALLEST`, even if this takes longer. With limited ``seconds``, the work items are small until the speed
         is measured. Samples take at least as long as the launch of their work item.
         """
-        is_known = self.measured > 1 or seconds >= self.seconds
-        size = self.speed * max(min(self.seconds, seconds), self.overhead) if is_known else self.SMALLEST
+        usual = max(self.seconds, min(self.TRACED * self.overhead, self.longest))
+        is_known = self.measured > 1 or not np.isfinite(seconds)
+        size = self.speed * max(min(usual, seconds), self.overhead) if is_known else self.SMALLEST
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
     def update_speed(self, samples: int, seconds: float, overhead: float = 0.0) -> None:

@@ -168,7 +168,7 @@ class ProgressiveImage:
         self.integrator, self.scene, self.sensor, self.spp, self.seed = integrator, scene, sensor, spp, seed
         self.denoise, self.done = denoise, False
         #: Computes the work items, see :class:`.Render`.
-        self.executor = Executor()
+        self.executor = Executor(longest=1.0)  # a change of the scene or the view waits for the current work item
         #: Whether samples were taken since the last call of :meth:`layers`; whether a pass over the image is complete.
         self.new = self.complete = False
         #: Progress, 0 to 1, which decreases if the render now expects more work.

@@ -106,7 +106,7 @@ class Executor:
     """
 
     #: Minimum ratio of the time in which a work item is computed to that in which it is traced and launched.
-    TRACED = 20
+    TRACED = 50
 
     #: Maximum factor by which the speed grows from one work item to the next.
     SPEED_GROWTH = 4

@@ -11,6 +11,7 @@ from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
+from mitsuba_prosim.transport.scattering import Scattering
 from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
@@ -199,6 +200,32 @@ def test_a_blend_of_a_mirror_in_a_map(variant_rgb, bounces):
     mean, error = (v[:, 0] for v in row_of_cards((PRINCIPLED, *blends), {"sky": {"type": "constant"}}, **ours))
     expected = mean[0] * np.array([1, 0.6, 0.3]) + [0, 0.4, 0.7]
     assert (np.abs(mean - expected) < 4 * np.hypot(error, error[0]) + 1e-5).all(), (mean, expected, error)
+
+
+@pytest.mark.parametrize(
+    "bsdf, needed",
+    [
+        (masked(MATT, 0.5), False),
+        (masked(two_sided(ROUGH), 0.5), False),
+        (masked(blended(MATT, ROUGH), 0.5), False),
+        (in_bumps(blended(MATT, ROUGH)), False),
+        (masked(PRINCIPLED, 0.5), False),
+        (blended(MATT, MIRROR), True),
+        (blended(MATT, masked(ROUGH, 0.5)), True),
+    ],
+)
+def test_paths_have_workarounds_only_where_they_need_them(variant_rgb, monkeypatch, bsdf, needed):
+    """The images have the same bits, because Mitsuba samples all lobes together rightly."""
+    scene = mi.load_dict(card(bsdf, light=sphere_lamp([1.5, 1.5, 3], 0.3, 10.0), sky={"type": "constant"}))
+    paths = mi.load_dict({"type": "prosim", "adaptive": "none", "diffuse_bounces": -1})
+    image = np.array(mi.render(scene, integrator=paths, spp=16))
+    assert Scattering(scene, separate=False, whole=True).needs_workarounds == needed
+    monkeypatch.setattr(workarounds, "mixes_ideal_and_smooth", lambda *_: True)
+    monkeypatch.setattr(
+        workarounds, "_sample_mixture", lambda lobe, one, si, u, active: one.sample(lobe, si, *u, active)
+    )
+    again = np.array(mi.render(scene, integrator=paths, spp=16))
+    assert needed or (np.array_equal(image, again) and image.any())
 
 
 @pytest.mark.parametrize(

@@ -24,17 +24,21 @@ def disperses(scene: mi.Scene) -> bool:
 
 
 class Scattering:
-    """Samples and evaluates lobes of the BSDFs of ``scene``; separately or, without ``separate``, all together."""
+    """Samples and evaluates lobes of the BSDFs of ``scene``; separately or, without ``separate``, all together.
 
-    def __init__(self, scene: mi.Scene, separate: bool = True) -> None:
+    ``whole`` tells that each request is for all lobes. Then a ``mask`` needs no workaround, nor most of ``blendbsdf``.
+    """
+
+    def __init__(self, scene: mi.Scene, separate: bool = True, whole: bool = False) -> None:
         bsdfs = all_bsdfs(scene)
         mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
+        if whole:
+            mixes = any(workarounds.mixes_ideal_and_smooth(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)
         #: Whether any BSDF of the scene can only evaluate all its lobes together.
         self.any_inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
-        #: Whether the scene has a BSDF that can only evaluate all its lobes together, a ``mask`` or a ``blendbsdf``
-        #: (:mod:`.workarounds`).
+        #: Whether a BSDF of the scene needs one of the :mod:`.workarounds`.
         self.needs_workarounds = self.any_inseparable or mixes
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:

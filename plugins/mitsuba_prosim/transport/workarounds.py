@@ -57,7 +57,7 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
             f"prosim: {', '.join(map(repr, points))} will be {times} times too bright: Mitsuba's direct multiplies the "
             "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
         )
-    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if _mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
+    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
     if blends:
         mi.Log(
             mi.LogLevel.Warn,
@@ -82,7 +82,7 @@ def _is_smooth(bsdf: mi.BSDF) -> bool:
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
     """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
     maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
-    wrong = [b.id() for b in maps if any(_mixes_ideal_and_smooth(requested_lobes(lobe, one), one) for one in maps[b])]
+    wrong = [b.id() for b in maps if any(mixes_ideal_and_smooth(requested_lobes(lobe, one), one) for one in maps[b])]
     if wrong:
         mi.Log(
             mi.LogLevel.Warn,
@@ -96,7 +96,7 @@ def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
-def _mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+def mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
     """Tells whether ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
     flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
@@ -109,7 +109,7 @@ def sample(
     is 0 if the BSDF sampled a lobe that was not requested.
     """
     lobe = requested_lobes(lobe, bsdf)
-    if _mixes_ideal_and_smooth(lobe, bsdf) and bsdf.class_name() not in MAPS:
+    if mixes_ideal_and_smooth(lobe, bsdf) and bsdf.class_name() not in MAPS:
         bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)

@@ -26,7 +26,7 @@ def check(job: Job, plugin: str, parameters: tuple[tuple[str, str], ...], module
     """Test whether PLUGIN is right: the name of a type, or a scene file, whose plugins are all tested.
 
     The tests compare the methods of the plugin with each other and with the laws of physics. Each plugin is tested in
-    a process of its own. A note is a property that integrators can live with. The exit code is 1 if a test fails.
+    a process of its own. A note is a property that does no harm to images. The exit code is 1 if a test fails.
     """
     from ..check import check_apart
 

@@ -246,7 +246,7 @@ CONFLICTS = (
         "spp",
         " ".join((*TARGETS, "snapshots", "max_samples", "adaptive")),
         "--spp gives each pixel exactly so many samples; leave it out with --noise, --time, --snapshots, --adaptive "
-        "and --max-samples, which sets a maximum.",
+        "(unless none) and --max-samples, which sets a maximum.",
     ),
     ("workers", "cluster", "--workers starts local workers, and --cluster names a running cluster; give one of them."),
     ("part", "workers cluster", "--part is for machines without a connection; leave out --part with a cluster."),

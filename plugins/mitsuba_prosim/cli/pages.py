@@ -28,10 +28,10 @@ def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> 
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 
     A and B are each INTEGRATOR[:SAMPLER][,PARAMETER=VALUE...], such as prosim,noise=0.01 or
-    path:multijitter,max_depth=5; the default sampler is the scene's. If B is not adaptive, B is rendered twice: with
-    the same number of samples as A, and in A's processor time. Errors are differences from a converged reference image.
-    If only one of A and B is prosim, prosim simulates the kinds of light paths of the other integrator. The command
-    writes a page with the results, SCENE-compare.html, to the scene's folder.
+    path:multijitter,max_depth=5; the default sampler is the scene's. B is rendered twice: with the same number of
+    samples as A, and in A's processor time; if B is prosim, once with its own settings. Errors are differences from a
+    converged reference image. If only one of A and B is prosim, prosim simulates the kinds of light paths of the other
+    integrator. The command writes a page with the results, SCENE-compare.html, to the scene's folder.
     """
     require_extra("compare", "prosim compare")
     if job.variant.startswith("scalar_") or not job.variant.endswith("_rgb"):

@@ -164,7 +164,7 @@ def display_value(image: np.ndarray) -> np.ndarray:
 
 
 def displayed_squared(image: np.ndarray) -> np.ndarray:
-    """Approximates :func:`display_value` squared by the channels' mean, because errors are such means too."""
+    """Approximates :func:`display_value` squared, by the channels' mean, of which the errors are as well."""
     return np.maximum(image.mean(2), 0) + np.float32(0.01)
 
 

@@ -38,13 +38,13 @@ def film_values(image: PixelSet) -> mi.TensorXf:
     index_of = indexer(plan.region, image.outer)
 
     def add(totals: list[mi.Float64], k: mi.UInt32) -> tuple[list[mi.Float64], mi.UInt32]:
-        """Adds the contribution of source number ``k``, row by row, among the pixels within the filter's reach."""
+        """Adds the contribution of neighbour number ``k``, row by row, of the pixels within the filter's reach."""
         index, active = index_of(x + mi.Int32(k % side) - reach, y + mi.Int32(k // side) - reach)
         row = index + first
         count = dr.gather(mi.UInt32, sums.count, row, active)
         weight = dr.select(count > 0, dr.rcp(Double(count)), 0)
         # The sums of a pixel begin with those for the upper left pixel within the filter's reach; for this pixel, the
-        # source is the lower right one.
+        # neighbour is the lower right one.
         values = sums.film_sums(row, side**2 - 1 - k, len(channels.names), active)
         return [total + weight * value for total, value in zip(totals, values)], k + 1
 

@@ -70,7 +70,7 @@ class Image(PixelSet):
         self.along_z = np.argsort(z_curve(np.array(x).astype(np.uint32), np.array(y).astype(np.uint32)))
 
     def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
-        """Begins a pass to ``wanted`` samples a pixel; ``rounds`` numbers its decision, by default the next."""
+        """Begins a pass to ``wanted`` samples a pixel; ``rounds`` is its decision's number, by default the next."""
         self.wanted, self.rounds = wanted, self.rounds + 1 if rounds is None else rounds
 
     def begin_second(self, complete: bool) -> SecondImage:

@@ -12,9 +12,9 @@ from ..transport import lobes
 from .camera import is_perspective
 
 #: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2; and of
-#: a reflecting lobe that fewer than one of a thousand rays find: that of metal with a roughness of 0.016. The light by
-#: glass has no other way, but a reflection adds to the direct light. Maximum size in radians of a lamp that few rays
-#: from a diffuse surface find through glass: about one of a thousand.
+#: a reflecting lobe that fewer than one of a thousand rays find: that of metal with a roughness of 0.016. Light
+#: through glass has no other way, but a reflection adds to the direct light. Maximum size in radians of a lamp that
+#: few rays from a diffuse surface find through glass: about one of a thousand.
 NARROW, POLISHED, SMALL = 30.0, 300.0, 0.06
 
 
@@ -65,7 +65,7 @@ def bright_part(lamp: mi.Emitter) -> float:
 
 
 def has_glass(scene: mi.Scene) -> tuple[bool, bool]:
-    """Tells whether the scene has glass that refracts light into a single direction, and into a narrow cone."""
+    """Returns whether glass of the scene refracts light into a single direction, and whether into a narrow cone."""
     return lobes.has_any(all_flags(scene), "DeltaTransmission"), has_lobe(scene, "GlossyTransmission", NARROW)
 
 

@@ -143,8 +143,8 @@ def worst(found: dict[str, float], recorder: Recorder, weights: np.ndarray) -> t
 
 
 def rarely_met(recorder: Recorder) -> str:
-    """Returns that glass hides lamps from the surfaces, so that rays meet them only by chance, in words; empty if glass
-    hides no lamp. A lamp has a name if it is the only one: light through glass does not follow the straight line by
+    """Returns a sentence that glass hides lamps from the surfaces, so that rays meet them only by chance; empty if no
+    lamp is hidden. Names the lamp only if it is the only one: light through glass does not follow the straight line by
     which the samples find what is in the way.
     """
     hidden = Counter[int]()

@@ -96,7 +96,7 @@ def verdict(
 
 
 def why_late(render: Render) -> str:
-    """Returns that the compilation of kernels has exceeded the time limit, in words; empty if it has not."""
+    """Returns a sentence that the compilation of kernels has exceeded the time limit; empty if it has not."""
     target, compiled = render.target, render.target.prepared + render.executor.launching
     late = target.seconds and max(0.05 * target.seconds, 0.2) < target.elapsed - target.seconds < compiled
     return f"Kernels were compiled for {compiled:.1f} s; the next such render finds them in a cache" if late else ""
@@ -184,13 +184,13 @@ def has_media(render: Render) -> bool:
 
 
 def ignored_media(render: Render) -> str:
-    """Returns that Mitsuba's integrator ignores the media of the scene, in words; empty if it does not."""
+    """Returns a sentence that Mitsuba's integrator ignores the media of the scene; empty if it does not."""
     name = nested_name(render)
     return f"{name} ignores the media of the scene: take volpath" if name in SURFACES and has_media(render) else ""
 
 
 def too_shallow(render: Render, integrator: Any) -> str:
-    """Returns that rays end within glass, because the ``integrator`` limits their depth, in words; empty if not."""
+    """Returns a sentence that rays end within glass, because the ``integrator`` limits their depth; empty if not."""
     limit, deepest = depth_limit(integrator)
     if deepest >= 2:  # a ray enters glass and leaves it
         return ""

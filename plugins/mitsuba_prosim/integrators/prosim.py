@@ -44,7 +44,7 @@ class Prosim(ProgressiveIntegrator):
      * - adaptive
        - |string|
        - Policy. :monosp:`neighbours`: a pixel gets all :math:`N^2` samples if the 24 pixels around it are noisy.
-         :monosp:`graded`: the number of samples follows the variance within the 24 pixels around.
+         :monosp:`graded`: in proportion to the standard deviation in the 24 pixels around.
          :monosp:`thesis`: :math:`N` samples at a time, until the pixel's own standard error is small;
          :monosp:`variance`: until the variance of its samples is small. :monosp:`none`: always :math:`N^2`. (Default:
          :monosp:`neighbours`; :monosp:`graded` with :monosp:`noise` or :monosp:`time`)

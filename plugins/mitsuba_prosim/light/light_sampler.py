@@ -70,7 +70,7 @@ class LightSampler:
         return (self.importance(k, receiver, active) + least) / dr.select(total > 0, total, 1)
 
     def _least_and_total(self, receiver: Receiver, active: mi.Bool) -> tuple[mi.Float, mi.Float]:
-        """Returns what is added to the importance of each lamp at ``receiver``, and the sum of all these sums."""
+        """Returns what is added to the importance of each lamp at ``receiver``, and the total over all lamps."""
         total = self.total(receiver, active)
         return total * (LEAST_SHARE / self.count), total * (1 + LEAST_SHARE)
 

@@ -56,8 +56,8 @@ class Lamp:
         return self._by_strategy(active, lambda strategy, k, mine: strategy.reparameterised(k, receiver, d, met, mine))
 
     def _by_side(self, receiver: Receiver, active: mi.Bool, evaluate: Evaluate) -> Any:
-        """Calls ``evaluate`` with :attr:`two_sided` where both sides of ``receiver`` receive light, else, or if all the
-        lamp's strategies sample below the horizon, with its own.
+        """Calls ``evaluate`` with :attr:`two_sided` where both sides of ``receiver`` receive light, elsewhere with the
+        lamp's own strategies; only with these if all of them sample below the horizon.
         """
         both_sides = receiver.both_sides
         below_horizon = all(strategy.samples_below_horizon for strategy, *_ in self.groups)

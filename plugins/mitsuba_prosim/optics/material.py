@@ -77,6 +77,8 @@ class Material(mi.BSDF):
         own |= {"distribution": self.distribution.name, self.distribution.parameter: self.roughness}
         return own | {"multiple_scattering": True} if self.multiple_scattering else own
 
+    # A subclass defines the next two methods. (abc cannot say so: Mitsuba's classes have another metaclass.)
+
     def sample_direction(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, sample1: mi.Float, sample2: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.UInt32, mi.Float, mi.UnpolarizedSpectrum]:

@@ -125,7 +125,7 @@ class PhotonMIS:
 
 
 def ray_weight(photons: mi.Float) -> mi.Float:
-    """Returns a ray's weight by the power heuristic, 1 / (1 + P²), for P expected photons per ray."""
+    """Returns a ray's weight by the power heuristic, 1 / (1 + R²), for R expected photons per ray."""
     return dr.rcp(1 + dr.square(photons))
 
 

@@ -125,7 +125,8 @@ def _after_mirrors(
 
 def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
     """Returns the parameter of an integrator that limits the depth of rays, in words, and the maximum number of
-    reflections and refractions before a surface whose light from lamps it finds: below 0 for none, or infinity.
+    reflections and refractions before the last surface whose light from lamps it finds. The number is negative if there
+    is no such surface, and infinite without a limit.
     """
     text = str(integrator)
     if depth := re.search(r"max_depth = (\d+)", text):

@@ -61,7 +61,7 @@ def set_variant(variant: str | None = None) -> str:
 
 @cache
 def _packages_with_plugins() -> tuple[EntryPoint, ...]:
-    """Looks for them once, because this takes as long as a small render."""
+    """Returns the entry points of plugins; looks for them once, because this takes as long as a small render."""
     return tuple(entry_points(group="mitsuba"))
 
 

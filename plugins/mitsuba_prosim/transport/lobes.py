@@ -44,8 +44,8 @@ def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDF
 
 
 def glossy(flags: int, tree: bool) -> Lobes:
-    """Returns one BSDF context for each specular lobe that may be glossy on surfaces with these BSDF ``flags``: two,
-    for reflection and transmission, in a ray ``tree``, which samples a ray of each; one on a path.
+    """Returns the BSDF contexts of the specular lobes that may be glossy on surfaces with these BSDF ``flags``: in a
+    ray ``tree``, which samples a ray of each, one for reflection and one for transmission; on a path, one for both.
     """
     if not tree:
         return (only(SPECULAR),) if has_any(flags, *GLOSSY) else ()

@@ -21,7 +21,7 @@ MAX_PAIRS = 1 << 16  # the largest number of pairs that are tested at a time
 
 def sweep(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yields arrays of pairs of boxes, ``low`` to ``high`` (n, 3), that touch or overlap, at most MAX_PAIRS at once
-    or all of one box. Pairs are sorted by the minimum x of their first box, which is the smaller one.
+    or all of one box. Pairs are sorted by the minimum x of their first box; their second box does not begin before.
     """
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]

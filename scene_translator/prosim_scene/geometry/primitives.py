@@ -103,7 +103,7 @@ class Primitive(ABC):
         return p**2 @ form[:3] + form[3], 2 * p * form[:3]
 
     def scaled(self, vertices: np.ndarray, scale: float) -> np.ndarray:
-        """Returns the vertices of a mesh (n, 3), whose curved face becomes smaller: by ``scale``, or as far inwards."""
+        """Returns the vertices of a mesh (n, 3), whose curved face becomes smaller by ``scale``."""
         return vertices * np.where(np.arange(3) < self.axes, scale, 1.0)
 
     @cached_property

@@ -569,7 +569,9 @@ class Reader(Scanner):
 
 @cache
 def _numbers_or(follow: frozenset[str], flags: bool) -> frozenset[str]:
-    """Returns always the same object for equal arguments, which :func:`.role_of` then finds in its cache sooner."""
+    """Returns the roles ``follow`` and those of numbers: the same object for equal arguments, so that the cache of
+    :func:`.role_of` finds it sooner.
+    """
     return follow | ({"NUMBER", "BOOL"} if flags else {"NUMBER"})
 
 

@@ -212,7 +212,7 @@ def shape_number(pointer: mi.ShapePtr) -> int:
 #: Class names of shapes, a sensor and emitters.
 INSTANCE, SPHERE, CYLINDER, RECTANGLE = "Instance", "Sphere", "Cylinder", "Rectangle"
 PERSPECTIVE = "PerspectiveCamera"
-CONSTANT, AREA, DIRECTIONAL_AREA = "ConstantBackgroundEmitter", "AreaLight", "DirectionalArea"
+CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 
 #: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture
 #: coordinates in the unit square.
@@ -238,20 +238,29 @@ def emitter_samples(integrator: mi.Integrator) -> int:
 
 
 # ---------------------------------------------------------------- emitters
-# A virtual function call is compiled for all emitters that exist. The method `eval_direction` of Mitsuba's
-# "directionalarea" raises an error, which would end the call for all other emitters too (3.9).
+# A virtual function call is compiled for all emitters that exist. An emitter without the method `eval_direction`, as
+# Mitsuba's "directionalarea" (3.9) and many of users, raises an error, which would end the call for all others too.
 
 
 def eval_direction(
     emitter: mi.Emitter | mi.EmitterPtr, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
 ) -> mi.Spectrum:
-    """Returns ``emitter.eval_direction(it, ds, active)``; 0 for a ``directionalarea`` in an array of emitters."""
-    if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
-        return emitter.eval_direction(it, ds, active)
+    """Returns ``emitter.eval_direction(it, ds, active)``; if the emitter lacks this method, the value of ``eval``, 0
+    for points and single directions.
+    """
 
     def value(one: mi.Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool) -> mi.Spectrum:
-        return mi.Spectrum(0) if one.class_name() == DIRECTIONAL_AREA else one.eval_direction(it, ds, active)
+        try:
+            return mi.Spectrum(one.eval_direction(it, ds, active))
+        except RuntimeError:
+            if mi.has_flag(one.flags(), mi.EmitterFlags.Delta):
+                return mi.Spectrum(0)
+        si = mi.SurfaceInteraction3f(ds, it.wavelengths)
+        si.wi = -ds.d if mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) else si.to_local(-ds.d)
+        return mi.Spectrum(one.eval(si, active))
 
+    if not dr.is_jit_v(mi.Float) or isinstance(emitter, mi.Emitter):
+        return value(emitter, it, ds, active)
     return dr.dispatch(emitter, value, it, ds, active)
 
 

@@ -78,5 +78,5 @@ def has_lobe(scene: mi.Scene, kind: str, least: float) -> bool:
     si.wi = mi.Vector3f(0, 0, 1)
     wo = si.wi if kind.endswith("Reflection") else -si.wi
     parts = (part for bsdf in bsdfs for part in all_within(bsdf) if part.class_name() not in MAPS)
-    values = (part.eval(mi.BSDFContext(), si, wo) for part in parts if lobes.has_any(part.flags(), kind))
-    return any(bool(dr.any(dr.max(mi.unpolarized_spectrum(value)) > least)) for value in values)
+    values = (part.eval(mi.BSDFContext(), si, wo, mi.Bool(True)) for part in parts if lobes.has_any(part.flags(), kind))
+    return any(bool(dr.any(dr.max(mi.unpolarized_spectrum(mi.Spectrum(value))) > least)) for value in values)

@@ -169,9 +169,9 @@ class Prosim(ProgressiveIntegrator):
     pixel gets exactly this number of samples, whatever targets and policy are set here.
 
     **Lobes** are selected by the type mask of Mitsuba's :monosp:`BSDFContext`. BSDFs without separate lobes
-    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`) are sampled as a whole. The
-    light that such a BSDF reflects is found only by light sampling, and is noisy if the BSDF is smooth. With
-    :monosp:`caustics` such a BSDF counts as diffuse.
+    (:monosp:`principled`, :monosp:`principledthin`, :monosp:`hair`, :monosp:`pplastic`, and your own in Python) are
+    sampled as a whole. The light that such a BSDF reflects is found only by light sampling, and is noisy if the BSDF is
+    smooth. With :monosp:`caustics` such a BSDF counts as diffuse.
 
     **Absorption.** The inside of a shape absorbs light by Beer's law if the :monosp:`interior` of the shape is a
     :monosp:`homogeneous` medium with :monosp:`albedo` 0. A shape within this medium must have the medium as its

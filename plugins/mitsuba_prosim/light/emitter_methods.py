@@ -21,6 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .. import compat
+from ..registry import is_users
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -160,7 +161,7 @@ def omits_directions(emitter: mi.Emitter) -> bool:
         si.wi = -ds.d
         if mi.is_spectral:
             si.wavelengths += 550
-        shines = dr.max(mi.unpolarized_spectrum(emitter.eval(si))) > 0
+        shines = dr.max(mi.unpolarized_spectrum(mi.Spectrum(emitter.eval(si, mi.Bool(True))))) > 0
         return shines & (emitter.pdf_direction(si, ds) == 0)
 
     if dr.is_jit_v(mi.Float):
@@ -218,12 +219,13 @@ class EmitterMethods:
             if one in self.partial:
                 return self._mixed(one, it, sample, active)
             if sampler is one:
-                return one.sample_direction(it, sample, active)
+                ds, weight = one.sample_direction(it, sample, active)
+                return ds, mi.Spectrum(weight)
             varies = mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
             ds = sample_shape(sampler, it, sample, active, varies)
             ds.emitter = mi.EmitterPtr(one) if dr.is_jit_v(mi.Float) else one
             lit = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
-            return ds, dr.select(lit, one.eval_direction(it, ds, lit) / dr.select(lit, ds.pdf, 1), 0)
+            return ds, dr.select(lit, mi.Spectrum(one.eval_direction(it, ds, lit)) / dr.select(lit, ds.pdf, 1), 0)
 
         return self._call(emitter, drawn, (no_sample(mi.DirectionSample3f), mi.Spectrum(0)), it, sample, active)
 
@@ -249,7 +251,7 @@ class EmitterMethods:
         def density(
             one: mi.Emitter, sampler: Any, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
         ) -> mi.Float:
-            pdf = sampler.pdf_direction(it, ds, active)
+            pdf = mi.Float(sampler.pdf_direction(it, ds, active))  # an emitter of a user may return a number of Python
             if one in self.partial:
                 return 0.5 * (pdf + mi.warp.square_to_uniform_sphere_pdf(ds.d))
             return pdf if sampler is one else dr.select(dr.dot(ds.d, ds.n) < 0, pdf, 0)
@@ -260,7 +262,7 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-            if one.class_name() == compat.AREA:
+            if one.class_name() == compat.AREA or is_users(one):
                 return sample_point(one.get_shape(), 0.0, sample, active)
             return one.sample_position(0.0, sample, active)[0]
 

@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from ..compat import emitter_pointers, emitters_in_order, eval_direction
 from ..masks import but_not, fold, idle
+from ..registry import is_users
 from .emitter_methods import Emitter
 from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, SphereLights
 
@@ -96,8 +97,10 @@ class Lights:
 
     def __init__(self, scene: mi.Scene, choose: bool = False) -> None:
         self.scene = scene
+        # A user's emitter samples itself: its flags may not tell where or in which directions its light varies.
         strategies = {
-            e: next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e)) for e in emitters_in_order(scene)
+            e: OtherLights if is_users(e) else next(s for s in (ConstantSky, *STRATEGIES) if s.can_sample(e))
+            for e in emitters_in_order(scene)
         }
         # Lamps are numbered group by group; the constant sky, of which a scene has at most one, follows.
         skies = [e for e, s in strategies.items() if s is ConstantSky]

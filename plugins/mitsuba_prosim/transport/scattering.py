@@ -15,7 +15,6 @@ from ..sampling.sobol import Points
 from . import workarounds
 from .lobes import LobePoint
 from .ray import Surface
-from .workarounds import requested_lobes
 
 
 def disperses(scene: mi.Scene) -> bool:
@@ -39,7 +38,7 @@ class Scattering:
         #: Whether any BSDF of the scene can only evaluate all its lobes together.
         self.any_inseparable = separate and any(map(workarounds.is_inseparable, bsdfs))
         #: Whether a BSDF of the scene needs one of the :mod:`.workarounds`.
-        self.needs_workarounds = self.any_inseparable or mixes
+        self.needs_workarounds = self.any_inseparable or mixes or any(map(workarounds.of_users, bsdfs))
 
     def inseparable(self, bsdf: mi.BSDF | mi.BSDFPtr, active: mi.Bool) -> mi.Bool:
         """Returns the active lanes whose BSDF is :func:`.is_inseparable`; none without ``separate``."""
@@ -93,7 +92,7 @@ class Scattering:
     def eval(self, lobe: mi.BSDFContext, at: Surface, wo: mi.Vector3f, active: mi.Bool) -> mi.Spectrum:
         """Returns the value of ``lobe`` times the cosine of ``wo``; of all lobes where ``at.inseparable``."""
         if self.any_inseparable:
-            return dispatch(at.bsdf, lambda one, *args: one.eval(requested_lobes(lobe, one), *args), at.si, wo, active)
+            return dispatch(at.bsdf, lambda one, *args: workarounds.evaluate(lobe, one, *args), at.si, wo, active)
         return at.bsdf.eval(lobe, at.si, wo, active)
 
     def lobe_choice(self, points: Points, space: mi.UInt32, choice: mi.Float) -> mi.Float:

@@ -23,6 +23,8 @@ A workaround is needless as soon as the oldest allowed Mitsuba behaves otherwise
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterator
 
 import drjit as dr
@@ -32,6 +34,7 @@ from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_
 from ..light.emitter_methods import loses_light, name_of
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
+from ..registry import is_users
 from . import lobes
 from .lobes import LobePoint
 
@@ -113,8 +116,12 @@ def sample(
         bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
+    if users := of_users(bsdf):
+        flags = functools.reduce(operator.or_, (int(one.flags()) for one in users))
+        flags = flags & lobes.mask(*lobes.SMOOTH) or flags
+        bs.sampled_type = dr.select(bs.sampled_type == 0, mi.UInt32(flags), bs.sampled_type)
     bs.pdf = dr.select((bs.sampled_type & lobe.type_mask) != 0, bs.pdf, 0)
-    return bs, weight
+    return bs, mi.Spectrum(weight)
 
 
 def _sample_mixture(
@@ -157,7 +164,15 @@ def eval_pdf(
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Returns the value of ``lobe`` times the cosine of ``wo``, and the density of :func:`sample`."""
     lobe = requested_lobes(lobe, bsdf)
-    return bsdf.eval_pdf(_with_null_of_mask(lobe, bsdf), si, wo, active)
+    value, pdf = bsdf.eval_pdf(_with_null_of_mask(lobe, bsdf), si, wo, active)
+    return mi.Spectrum(value), mi.Float(pdf)  # a user's BSDF may return numbers of Python
+
+
+def evaluate(
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+) -> mi.Spectrum:
+    """Returns the value of :func:`eval_pdf` alone."""
+    return mi.Spectrum(bsdf.eval(requested_lobes(lobe, bsdf), si, wo, active))
 
 
 def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
@@ -167,15 +182,28 @@ def requested_lobes(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> mi.BSDFContext:
 
 def is_inseparable(bsdf: mi.BSDF) -> bool:
     """Tells whether ``bsdf``, or a BSDF nested in it, can only evaluate all its lobes together: the classes
-    :data:`.EVALUATED_TOGETHER` of Mitsuba, and BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one
-    component.
+    :data:`.EVALUATED_TOGETHER` of Mitsuba, BSDFs with several kinds of lobes (reflected, refracted, diffuse) in one
+    component, and those of users that are not ideal, of which few regard the type mask.
     """
-    kinds = lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE
-    components = ((one, int(one.flags(i))) for one in all_within(bsdf) for i in range(one.component_count()))
-    return any(
-        one.class_name() in EVALUATED_TOGETHER or sum(bool(lobes.has_any(flags, *names)) for names in kinds) > 1
-        for one, flags in components
-    )
+
+    def together(one: mi.BSDF) -> bool:
+        components = [int(one.flags(i)) for i in range(one.component_count())]
+        whole = is_users(one) and lobes.has_any(one.flags(), *lobes.SMOOTH)
+        return one.class_name() in EVALUATED_TOGETHER or any(map(_mixed, [int(one.flags())] if whole else components))
+
+    return any(map(together, all_within(bsdf)))
+
+
+def _mixed(flags: int) -> bool:
+    """Tells whether ``flags`` have several kinds of lobes."""
+    return sum(bool(lobes.has_any(flags, *kind)) for kind in (lobes.REFLECTED, lobes.REFRACTED, lobes.DIFFUSE)) > 1
+
+
+def of_users(bsdf: mi.BSDF) -> list[mi.BSDF]:
+    """Returns ``bsdf`` and the BSDFs nested in it whose classes are those of users (:func:`.is_users`). They may ignore
+    the type mask, and leave ``sampled_type`` 0, as Mitsuba's own integrators accept.
+    """
+    return [one for one in all_within(bsdf) if is_users(one)]
 
 
 def belongs_to(lobe: mi.BSDFContext, wi: mi.Vector3f, bs: mi.BSDFSample3f) -> mi.Bool:

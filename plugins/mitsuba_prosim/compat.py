@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any, cast
 import drjit as dr
 import mitsuba as mi
 
+from .registry import is_users
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -231,9 +233,19 @@ MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMa
 EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
 
 
+def description(thing: Any) -> str:
+    """Returns ``str(thing)``; the name of the class alone if it is a user's in Python without ``to_string``, or
+    contains such an object. Then ``str`` is an error in Mitsuba 3.9.
+    """
+    try:
+        return str(thing)
+    except RuntimeError:
+        return f"{type(thing).__name__ if is_users(thing) else thing.class_name()}[]"
+
+
 def emitter_samples(integrator: mi.Integrator) -> int:
     """Returns the number of emitter samples of Mitsuba's ``direct``, which does not expose it; 1 for all others."""
-    found = re.match(r"DirectIntegrator\[\s*emitter_samples = (\d+)", str(integrator))
+    found = re.match(r"DirectIntegrator\[\s*emitter_samples = (\d+)", description(integrator))
     return int(found[1]) if found else 1
 
 

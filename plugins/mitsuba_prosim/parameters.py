@@ -10,6 +10,8 @@ from typing import Any
 
 import mitsuba as mi
 
+from .compat import description
+
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
     """Returns the ValueError for a plugin parameter whose ``value`` is not allowed, or missing (None). ``allowed`` are
@@ -150,5 +152,6 @@ def expose(callback: mi.TraversalCallback, flags: mi.ParamFlags | None = None, /
 
 def describe(plugin: mi.Object, **values: Any) -> str:
     """Returns the text for ``plugin.to_string``: the class, and one line for each of ``values`` that is not None."""
-    lines = [f"  {name} = {value}".replace("\n", "\n  ") for name, value in values.items() if value is not None]
+    texts = {name: description(value) for name, value in values.items() if value is not None}
+    lines = [f"  {name} = {text}".replace("\n", "\n  ") for name, text in texts.items()]
     return f"{type(plugin).__name__}[\n" + ",\n".join(lines) + "\n]"

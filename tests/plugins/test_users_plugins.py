@@ -1,9 +1,10 @@
-"""BSDFs and emitters that users write in Python: what Mitsuba's ``path`` accepts, ``prosim`` renders equally. They may
-ignore the type mask, leave the type of samples 0, lack optional methods, and return numbers of Python.
+"""Plugins that users write in Python: what Mitsuba accepts, ``prosim`` and ``prosim_adaptive`` render equally. The
+plugins may ignore the type mask, leave the type of samples 0, lack optional methods, and return numbers of Python.
 """
 
 import drjit as dr
 import mitsuba as mi
+import mitsuba_prosim
 import pytest
 from image_statistics import renderings, same_expectation
 from scenes import T, camera, film, rectangle, slow, sphere_lamp
@@ -205,3 +206,23 @@ def test_photons_of_a_users_lamp(variant_rgb):
     lamp = {"type": "sphere", "center": [0, 4, 2], "radius": 0.7, "emitter": {"type": "users_lamp"}}
     lit = scene({"type": "dielectric"}, lamp=lamp)
     assert compared(lit, {**PATHS, "caustics": True, "caustic_photons": 100000}, WHOLE)
+
+
+class Depth(mi.llvm_ad_rgb.SamplingIntegrator):
+    """The distance of the first surface; as many of users, without ``to_string``."""
+
+    def sample(self, scene, sampler, ray, medium, active):
+        si = scene.ray_intersect(ray, active)
+        return dr.select(si.is_valid(), si.t, 0.0), si.is_valid(), []
+
+
+def test_integrator_without_a_description(variant_rgb):
+    mi.register_integrator("users_depth", Depth)
+    mi.register_emitter("users_point", Point)
+    room = scene({"type": "diffuse"}, point={"type": "users_point"})
+    nested = {"type": "users_depth"}
+    adaptive = {"type": "prosim_adaptive", "nested": nested, "samples": 4}
+    assert compared(room, adaptive, nested)
+    found = mitsuba_prosim.render({**room, "integrator": nested}, noise=0.05)
+    assert "error" in found.verdict and "Depth[]" in str(mi.load_dict(adaptive))
+    assert "point" in str(mitsuba_prosim.explain(mi.load_dict({**room, "integrator": TREE}), (8, 8)))

@@ -21,6 +21,7 @@ import click
 import mitsuba as mi
 
 from .. import __version__, atomic
+from ..compat import description
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import SHARE
@@ -379,7 +380,7 @@ def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | No
         "scene": job.scene,
         "version": __version__,
         "variant": job.variant,
-        "integrator": str(integrator),
+        "integrator": description(integrator),
         "seed": str(job.seed),
         "seconds": f"{seconds:.3f}",
     }

@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import atomic
 from ..alone import alone
-from ..compat import PLACE, denormals_rounded, dr_array
+from ..compat import PLACE, denormals_rounded, description, dr_array
 from ..engine.camera import coarse_film, is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
@@ -140,7 +140,7 @@ class Samples:
         self.integrator = integrator = explained_integrator(integrator or scene.integrator(), self.notes)
         if not film.rfilter().is_box_filter():
             self.notes.append("The film's filter also adds samples of the pixels around to the pixel's value.")
-        stored = re.search(r"pixel_format = (\w+)", str(film))
+        stored = re.search(r"pixel_format = (\w+)", description(film))
         if stored and not stored[1].startswith("rgb") and not mi.is_monochromatic:
             self.notes.append("The film converts these colours to those of its pixel_format.")
         #: Column and row of the pixel in the whole film.
@@ -282,7 +282,7 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
     if getattr(integrator, "name", "") == "prosim":
         notes.extend(note for name, note in OUTER_NOTES.items() if PLUGINS[name] in outer)
         return integrator
-    kind, _, parameters = str(integrator).partition("[")  # class_name() is not that of a class in Python
+    kind, _, parameters = description(integrator).partition("[")  # class_name() is not that of a class in Python
     known = kind == "DirectIntegrator" or re.match(r"\s*max_depth = ", parameters)
     if not (isinstance(integrator, mi.SamplingIntegrator) and known):
         raise ValueError(f"the integrator {kind} has no samples of pixels that can be explained; give prosim or path")

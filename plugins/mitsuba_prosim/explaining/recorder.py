@@ -22,7 +22,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import shape_number
+from ..compat import description, shape_number
 from ..masks import but_not
 from ..optics.nested import all_shapes
 from ..transport import lobes
@@ -176,7 +176,7 @@ class Recorder:
         things = [(shape, shape.bsdf()) for shape in all_shapes(transport.scene)]
         self.flags = {shape_number(mi.ShapePtr(shape)): int(bsdf.flags()) for shape, bsdf in things if bsdf}
         #: Number of a lamp -> the state of points that the lamp does not light.
-        self.unlit = mi.UInt32([OUTSIDE if "angle = " in str(lamp) else UNLIT for lamp in lamps])
+        self.unlit = mi.UInt32([OUTSIDE if "angle = " in description(lamp) else UNLIT for lamp in lamps])
 
     def record(self, take: Callable[[], Any]) -> Any:
         """Returns ``take()``, which takes samples, and adds their tables."""
@@ -379,7 +379,7 @@ def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
     key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
     if key and not key.startswith("__"):
         return words.get(key, key)
-    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", str(thing)) or [f"{thing.class_name()} {number}"]
+    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", description(thing)) or [f"{thing.class_name()} {number}"]
     first, *others = read.split(" + ")
     return first + ", ..." * bool(others) + (f" of {material}" if material else "")
 

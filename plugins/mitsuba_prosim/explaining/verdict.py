@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..compat import description
 from ..engine.error_target import UNCERTAIN
 from ..engine.policies import mean_around
 from ..engine.render import Render
@@ -174,7 +175,7 @@ def why_noisy(render: Render, x: int, y: int, error: np.ndarray, integrator: Any
 
 def nested_name(render: Render) -> str:
     """Returns the class of Mitsuba's integrator that finds the light; empty for the integrator prosim."""
-    return str(getattr(render.state.estimator.transport, "integrator", "")).partition("[")[0]
+    return description(getattr(render.state.estimator.transport, "integrator", "")).partition("[")[0]
 
 
 def has_media(render: Render) -> bool:

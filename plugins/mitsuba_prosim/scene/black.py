@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import description
 from ..transport import lobes
 
 #: Half of the darkest grey value of a PNG, in linear light.
@@ -128,7 +129,7 @@ def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
     reflections and refractions before the last surface whose light from lamps it finds. The number is negative if there
     is no such surface, and infinite without a limit.
     """
-    text = str(integrator)
+    text = description(integrator)
     if depth := re.search(r"max_depth = (\d+)", text):
         most = int(depth[1])
         return f"max_depth = {most}", most - 2 if most < UNLIMITED else math.inf

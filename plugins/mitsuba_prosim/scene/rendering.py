@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import denormals_rounded
+from ..compat import denormals_rounded, description
 from ..engine.work import Step, Steps
 from ..optics.nested import all_flags, all_shapes
 from ..parameters import check_samples
@@ -29,7 +29,7 @@ def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
     """
     if is_progressive(integrator):
         return integrator
-    limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", str(integrator))
+    limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", description(integrator))
     if limits is None:
         return create("prosim_adaptive", nested=integrator)
     media = [shape for shape in all_shapes(scene) if shape.is_medium_transition()]
@@ -47,7 +47,7 @@ def require_progressive(integrator: mi.Integrator, what: str) -> None:
     if not is_progressive(integrator):
         raise ValueError(
             f"{what} needs prosim or prosim_adaptive, in all but scalar variants; this scene's integrator is "
-            f"{str(integrator).partition('[')[0]}. Give the parameter noise (--noise 0.01, in Python "
+            f"{description(integrator).partition('[')[0]}. Give the parameter noise (--noise 0.01, in Python "
             'integrator={"noise": 0.01}), or adaptive (--adaptive none --samples 8), for example: one of them then '
             "takes its place."
         )

@@ -226,3 +226,21 @@ def test_integrator_without_a_description(variant_rgb):
     found = mitsuba_prosim.render({**room, "integrator": nested}, noise=0.05)
     assert "error" in found.verdict and "Depth[]" in str(mi.load_dict(adaptive))
     assert "point" in str(mitsuba_prosim.explain(mi.load_dict({**room, "integrator": TREE}), (8, 8)))
+
+
+class Fisheye(mi.llvm_ad_rgb.Sensor):
+    """A sensor whose method has no default for ``active``, which Mitsuba always passes."""
+
+    def sample_ray_differential(self, time, wavelength_sample, position, lens, active):
+        wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample, active)
+        across = (position - 0.5) * 1.5
+        angle = dr.norm(across)
+        d = mi.Vector3f(across.x, across.y, 0) * (dr.sin(angle) / angle) - mi.Vector3f(0, 0, 1) * dr.cos(angle)
+        return mi.RayDifferential3f(mi.Ray3f(mi.Point3f(0, 0, 6), d, time, wavelengths)), weight
+
+
+@pytest.mark.parametrize("settings", [PATHS, {**PATHS, "caustics": True, "caustic_photons": 100000}])
+def test_sensor_without_defaults(variant_rgb, settings):
+    mi.register_sensor("users_fisheye", Fisheye)
+    room = {**scene({"type": "dielectric"}), "sensor": {"type": "users_fisheye", "film": film(16)}}
+    assert compared(room, settings, WHOLE)

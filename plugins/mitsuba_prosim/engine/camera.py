@@ -34,7 +34,7 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
     the perspective camera itself, from the camera's projection matrix. These rays have no differentials.
     """
     if not is_perspective(sensor):
-        return sensor.sample_ray_differential
+        return lambda *point: sensor.sample_ray_differential(*point, True)
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()

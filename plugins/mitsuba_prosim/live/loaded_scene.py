@@ -91,7 +91,7 @@ class LoadedScene:
     def surface_at(self, x: int, y: int) -> str:
         """Returns the name and the line of the surface at the centre of pixel (x, y), or "background"."""
         position = mi.Point2f((x + 0.5) / self.size[0], (y + 0.5) / self.size[1])
-        ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
+        ray, _ = self.sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5), True)
         si = self.scene.ray_intersect(ray)
         if not bool(si.is_valid()[0]):
             return "background"

@@ -116,7 +116,8 @@ class Caustics:
     def _wavelengths(self, t: mi.UInt32) -> mi.Color0f:
         """Returns the wavelengths in nm for the ``t``-th sample of every pixel; empty except in spectral variants."""
         sample, middle = wavelengths.wavelength_number(self.key, t, self.n), mi.Point2f(0.5)
-        return self.sensor.sample_ray_differential(self.sensor.shutter_open(), sample, middle, middle)[0].wavelengths
+        time = self.sensor.shutter_open()
+        return self.sensor.sample_ray_differential(time, sample, middle, middle, True)[0].wavelengths
 
 
 def diffuse_radiance(scattering: Scattering, photons: Photons, number: mi.UInt32, vertex: Vertex) -> mi.Spectrum:

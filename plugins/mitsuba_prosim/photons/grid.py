@@ -74,7 +74,8 @@ class Footprint:
         times this radius, with all :data:`RADII`, if the rays of ``sensor`` have no differentials.
         """
         with without_crop_window(sensor):
-            ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
+            middle = mi.Point2f(0.5)
+            ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, middle, middle, True)
         offset = spread = 0.0
         if ray.has_differentials:
             offset = min(float(dr.norm(o - ray.o)[0]) for o in (ray.o_x, ray.o_y))

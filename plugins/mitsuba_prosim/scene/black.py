@@ -60,7 +60,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     """
     k = dr.arange(mi.Float, SIDE * SIDE)
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
-    ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5))
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5), True)
     si = scene.ray_intersect(ray)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
     if getattr(getattr(integrator, "nested", integrator), "hide_emitters", False):

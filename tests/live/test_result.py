@@ -97,3 +97,13 @@ def test_denoised_image_has_a_verdict(variant_rgb, denoiser):
     result = mitsuba_prosim.render(scene({"type": "prosim"}), spp=16, denoise=True, progress=False)
     assert f"denoised: error about {result.noise:.2g}" in result.verdict and result.noise < result.noise_at_most
     assert result.image.shape == (48, 48, 3) and np.all(result.samples == 16)
+
+
+def test_scene_of_another_variant_or_no_scene_is_refused(variant_rgb):
+    scene = mi.load_dict({"type": "scene"})
+    mi.set_variant("llvm_ad_mono")
+    for function, arguments in ((mitsuba_prosim.render, ()), (mitsuba_prosim.explain, ((0, 0),))):
+        with pytest.raises(TypeError, match="was loaded in the variant llvm_ad_rgb, but llvm_ad_mono is active"):
+            function(scene, *arguments)
+        with pytest.raises(TypeError, match="a scene or the name of its file is needed, not Shape"):
+            function(mi.load_dict({"type": "sphere"}), *arguments)

@@ -25,7 +25,7 @@ from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..registry import PLUGINS, create
 from ..scene.black import depth_limit
-from ..scene.scene_file import SceneFile, pick_sensor
+from ..scene.scene_file import SceneFile, pick_sensor, require_scene
 from . import explanation_page, noise
 from .recorder import Node, Numbers, Places, Recorder
 
@@ -107,7 +107,9 @@ def explain(
     its own, and RuntimeError in scalar variants.
     """
     with atomic.scratch() as folder:
-        file = None if isinstance(scene, mi.Scene) else SceneFile(scene, folder)
+        file = SceneFile(scene, folder) if isinstance(scene, (str, Path)) else None
+        if file is None:
+            require_scene("explain", scene)
         loaded, names = (scene, None) if file is None else (file.load(), places(file))
         samples = Samples(loaded, pixel, spp, sensor, integrator, seed, names)
         told = samples.explanation(sample)

@@ -23,7 +23,7 @@ from ..explaining.verdict import verdict
 from ..parameters import check_positive
 from ..registry import create
 from ..scene import black, rendering
-from ..scene.scene_file import SceneFile, check_parameters, pick_sensor
+from ..scene.scene_file import SceneFile, check_parameters, pick_sensor, require_scene
 from .progressive_image import ProgressiveImage, as_png, colours
 
 #: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
@@ -169,10 +169,11 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
         raise RuntimeError(f"{caller}: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, Mapping):
         check_parameters(mi.parser.parse_dict(mi.parser.ParserConfig(str(mi.variant())), dict(scene)))
-        return mi.load_dict(dict(scene))
+        scene = mi.load_dict(dict(scene))
     if isinstance(scene, (str, Path)):
         with atomic.scratch() as folder:
             return SceneFile(scene, folder).load()
+    require_scene(caller, scene)
     return scene
 
 

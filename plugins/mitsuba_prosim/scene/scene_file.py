@@ -264,6 +264,18 @@ def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable
     return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
+def require_scene(caller: str, scene: object) -> None:
+    """Raises TypeError, about ``caller``, if ``scene`` is no loaded scene of the active variant."""
+    if isinstance(scene, mi.Scene):
+        return
+    if type(scene).__name__ == "Scene" and hasattr(scene, "variant_name"):
+        raise TypeError(
+            f"{caller}: this scene was loaded in the variant {scene.variant_name()}, but {mi.variant()} is active; "
+            "load it again, or set its variant."
+        )
+    raise TypeError(f"{caller}: a scene or the name of its file is needed, not {type(scene).__name__}.")
+
+
 def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
     """Returns the sensor with this index. The messages begin with those of Mitsuba's own command ``mitsuba``.
 

@@ -234,6 +234,10 @@ def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
     mesh = {"type": "ply", "filename": str(tmp_path / "box.ply")}
     assert recorder.name_of(mi.load_dict(mesh), 7, {}) == "box.ply"
     assert recorder.name_of(mi.load_dict({"type": "sphere"}), 7, {}) == "Sphere 7"
+    white = {"type": "ref", "id": "white"}
+    parts = {kind: {"type": kind, "bsdf": white} for kind in ("rectangle", "cube")}  # Mitsuba merges them
+    scene = mi.load_dict({"type": "scene", "white": {"type": "diffuse"}, **parts})
+    assert list(recorder.shape_names(scene, {}).values()) == ["cube, ..."]
 
 
 @pytest.mark.parametrize(

@@ -374,14 +374,15 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
 
 def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
     """Returns the name of a shape or emitter: from ``words``, its id, its file, or its class and ``number``, and
-    its material from ``words``. Meshes that Mitsuba has merged have several files.
+    its material from ``words``. Meshes that Mitsuba has merged have several files; rectangles among them have none.
     """
     key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
     if key and not key.startswith("__"):
         return words.get(key, key)
     (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", description(thing)) or [f"{thing.class_name()} {number}"]
-    first, *others = read.split(" + ")
-    return first + ", ..." * bool(others) + (f" of {material}" if material else "")
+    parts = read.split(" + ")
+    first = next(filter(str.strip, parts))
+    return first + ", ..." * (len(parts) > 1) + (f" of {material}" if material else "")
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:

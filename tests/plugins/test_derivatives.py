@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from scenes import T, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rgb
+from scenes import T, area, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rgb, slow
 
 
 def weighted_mean(image):
@@ -369,3 +369,27 @@ def test_derivative_of_million_samples_is_right(variant_rgb):
     dr.enable_grad(params["sky.radiance.value"])
     dr.set_grad(params["sky.radiance.value"], 1)
     assert np.allclose(np.array(scene.integrator().render_forward(scene, params, spp=1 << 20)), 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("diffuse_bounces", [0, *slow(3), -1])
+def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffuse_bounces):
+    """A card before a lamp of radiance 2, in a sky of radiance 1; Mitsuba's ``blendbsdf`` omits ideal lobes."""
+    mirror = {"type": "twosided", "b": {"type": "conductor", "specular_reflectance": 0.7}}
+    hole, card = {"type": "null"}, {"type": "diffuse", "reflectance": 0.4}
+    pairs = {-1.6: (hole, card), -0.3: (mirror, card), -1.3: (hole, mirror)}
+    for expected, (first, second) in pairs.items():
+        scene = load_scene(
+            integrator={"type": "prosim", "diffuse_bounces": diffuse_bounces},
+            sensor=camera([0, 0, 5], [0, 0, 0], film(8), fov=10),
+            sky={"type": "constant"},
+            card={"type": "rectangle", "bsdf": {"type": "blendbsdf", "weight": 0.6, "a": first, "b": second}},
+            lamp={"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(9), **area(2.0)},
+        )
+        params = mi.traverse(scene)
+
+        def mean(weight):
+            params["card.bsdf.weight.value"] = weight  # noqa: B023 (called here)
+            params.update()  # noqa: B023
+            return dr.mean(mi.render(scene, params, spp=256), axis=None)  # noqa: B023
+
+        assert derivative(mean, 0.6) == pytest.approx(expected, rel=0.06)

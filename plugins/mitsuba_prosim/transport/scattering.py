@@ -26,13 +26,15 @@ class Scattering:
     """Samples and evaluates lobes of the BSDFs of ``scene``; separately or, without ``separate``, all together.
 
     ``whole`` tells that each request is for all lobes. Then a ``mask`` needs no workaround, nor most of ``blendbsdf``.
+    ``attached`` tells whether derivatives are wanted.
     """
 
-    def __init__(self, scene: mi.Scene, separate: bool = True, whole: bool = False) -> None:
+    def __init__(self, scene: mi.Scene, separate: bool = True, whole: bool = False, attached: bool = False) -> None:
         bsdfs = all_bsdfs(scene)
         mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
-        if whole:
+        if whole and not attached:
             mixes = any(workarounds.mixes_ideal_and_smooth(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
+        self.attached = attached
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)
         #: Whether any BSDF of the scene can only evaluate all its lobes together.
@@ -67,7 +69,7 @@ class Scattering:
         ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
             if getattr(one, "disperses", False):
                 return one.sample(lobe, si, *u, active, weights, undispersed=weights is None)
-            return workarounds.sample(lobe, one, si, u, active)
+            return workarounds.sample(lobe, one, si, u, active, self.attached)
 
         if self.disperses or self.needs_workarounds:
             bs, weight = dispatch(at.bsdf, sample, at.si, u, weights, active)

@@ -89,7 +89,7 @@ class Context:
         warn_of_blends_in_maps(scene, mi.BSDFContext() if settings.diffuse_bounces < 0 else lobes.only(lobes.SPECULAR))
         #: Samples and evaluates BSDFs.
         paths = settings.diffuse_bounces < 0
-        self.scattering = Scattering(scene, separate=not paths, whole=paths)
+        self.scattering = Scattering(scene, separate=not paths, whole=paths, attached=attached)
         #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
         self.medium = pointer(camera_medium) if absorbs_any(scene, camera_medium) else None
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular

@@ -106,13 +106,21 @@ def mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
 
 
 def sample(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
+    lobe: mi.BSDFContext,
+    bsdf: mi.BSDF,
+    si: mi.SurfaceInteraction3f,
+    u: LobePoint,
+    active: mi.Bool,
+    attached: bool = False,
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """Returns ``(bs, weight)`` as ``mi.BSDF.sample``, with the workarounds for ``mask`` and ``blendbsdf``. ``bs.pdf``
-    is 0 if the BSDF sampled a lobe that was not requested.
+    is 0 if the BSDF sampled a lobe that was not requested. ``attached`` tells whether derivatives are wanted.
     """
     lobe = requested_lobes(lobe, bsdf)
-    if mixes_ideal_and_smooth(lobe, bsdf) and bsdf.class_name() not in MAPS:
+    blends = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
+    # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative.
+    lacks = attached and any(lobes.has_any(flags, *lobes.IDEAL) for flags in blends)
+    if (lacks or mixes_ideal_and_smooth(lobe, bsdf)) and bsdf.class_name() not in MAPS:
         bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)

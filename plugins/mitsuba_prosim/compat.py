@@ -217,8 +217,8 @@ PERSPECTIVE = "PerspectiveCamera"
 CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 
 #: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture
-#: coordinates in the unit square.
-MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", (CYLINDER, "Disk", RECTANGLE, SPHERE)
+#: coordinates in the unit square. On a cylinder too; but Mitsuba 3.9 finds other points by them if it is turned.
+MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Disk", RECTANGLE, SPHERE)
 
 #: Class name of the emitter that may sample only its bright parts (``mis_compensation``).
 ENVMAP = "EnvironmentMapEmitter"
@@ -423,8 +423,7 @@ def has_unique_uv(shape: mi.Shape) -> bool:
     name, m = shape.class_name(), linear_part(shape)
     if name == SPHERE:
         return bool(np.linalg.eigvalsh(m + m.T).min() > 0)  # turned by less than 90 degrees
-    turned = is_mirrored_cylinder(shape) or (name == RECTANGLE and shape.has_flipped_normals())
-    return name in UNIQUE_UV and not turned
+    return name in UNIQUE_UV and not (name == RECTANGLE and shape.has_flipped_normals())
 
 
 def linear_part(thing: mi.Object) -> np.ndarray:

@@ -21,6 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .. import compat
+from ..masks import but_not
 from ..registry import is_users
 
 #: One emitter, or a Dr.Jit array of emitters.
@@ -123,6 +124,19 @@ def no_sample(kind: type) -> Any:
     return sample
 
 
+def is_own_sphere(emitter: mi.Emitter, it: mi.Interaction3f | mi.SurfaceInteraction3f) -> mi.Bool | bool:
+    """Tells whether ``it`` is on ``emitter``, a sphere that emits outwards, and so does not light its own points.
+
+    Where rounding puts such a point outside the sphere, Mitsuba 3.9 samples the point itself.
+    """
+    shape = emitter.get_shape()
+    if shape is None or shape.class_name() != compat.SPHERE or shape.has_flipped_normals():
+        return False
+    if not isinstance(it, mi.SurfaceInteraction3f):
+        return False
+    return it.shape == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
+
+
 def name_of(emitter: mi.Emitter) -> str:
     """Returns the id by which messages name ``emitter``: that of its shape, if it has one."""
     return str((emitter.get_shape() or emitter).id())
@@ -218,9 +232,10 @@ class EmitterMethods:
         ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
             if one in self.partial:
                 return self._mixed(one, it, sample, active)
+            active = but_not(active, is_own_sphere(one, it))
             if sampler is one:
                 ds, weight = one.sample_direction(it, sample, active)
-                return ds, mi.Spectrum(weight)
+                return ds, dr.select(active, mi.Spectrum(weight), 0)
             varies = mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
             ds = sample_shape(sampler, it, sample, active, varies)
             ds.emitter = mi.EmitterPtr(one) if dr.is_jit_v(mi.Float) else one

@@ -67,7 +67,8 @@ def check_unpolarized(name: str) -> None:
     """Raises ValueError in polarised variants; ``name`` is the integrator's."""
     if mi.is_polarized:
         raise ValueError(
-            f"{name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized'."
+            f"{name}: light is unpolarised here (thesis, section 2.2.3); use a variant without 'polarized', "
+            "and for Mitsuba's integrators the command mitsuba."
         )
 
 

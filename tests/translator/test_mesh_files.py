@@ -90,6 +90,11 @@ KINDS = {
     "text.stl": stl(binary=False),
     "returns.stl": stl(binary=False).upper().replace(b"SOLID CUBE", b"solid x", 1).replace(b"\n", b"\r"),
     "plain.off": OFF.encode(),
+    "folder.obj": "\n".join(["# C:\\models\\", *VERTICES, *FACES]).encode(),  # a comment ends with its line
+    "excess.stl": stl() + b"\0 written by a program",
+    "spaces.stl": stl(binary=False).replace(b"endfacet", b"end facet").replace(b"endsolid", b"end solid"),
+    "comment.off": f"# a cube\n\n# {' # ' * 40}\n{OFF}".encode(),
+    "normals.off": re.sub(r"(\.0)\n", r"\1 0 0 1\n", OFF.replace("OFF # a cube\n", "NOFF\n")).encode(),
     "colours.off": re.sub(r"(\.0)\n", r"\1 1 0 0 1\n", OFF.replace("OFF # a cube\n", "COFF ")).encode(),
 }
 
@@ -192,6 +197,39 @@ def test_each_face_of_a_ply_file_may_have_its_own_texture_coordinates(squares):
         MeshFile(re.sub(r" 8 .*", " 0", data, count=1).encode())
 
 
+#: Polygons of which a fan of triangles would overlap itself; the second one goes around its hole, and returns.
+ARROW = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 3)]
+FRAME = [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0), (1, 1), (1, 2), (2, 2), (2, 1), (1, 1)]
+
+
+@pytest.mark.parametrize("outline, surface, walls", [(ARROW, 3, 6 + 2 * 5**0.5), (FRAME, 8, 16)])
+def test_polygons_need_not_be_convex(outline, surface, walls):
+    """From which corner, and in which format they are, and however the mesh is turned."""
+    n, turn = len(outline), Rotation.from_rotvec([0.3, -2, 1])
+    vertices = turn.apply([(*p, z) for z in (0, 1) for p in outline])
+    edges = [*zip(outline, np.roll(outline, -1, axis=0).tolist(), range(n), [*range(1, n), 0])]
+    sides = [(i, j, j + n, i + n) for a, b, i, j in edges if (tuple(b), list(a)) not in [e[:2] for e in edges]]
+    for start in range(n):
+        top = np.roll(np.arange(n), start)
+        squares = [top[::-1], top + n, *map(list, sides)]
+        off = ["OFF", f"{2 * n} {len(squares)} 0", *(" ".join(map(str, row)) for row in vertices)]
+        off += [" ".join(map(str, (len(s), *s))) for s in squares]
+        lists = ply("ascii", squares, vertices).decode().splitlines()
+        for i, s in enumerate(squares, len(lists) - len(squares)):
+            lists[i] += f" {2 * len(s)} " + " ".join(map(str, vertices[s][:, :2].ravel()))
+        uv = "\n".join(lists).replace("end_header", "property list uchar double texcoord\nend_header")
+        for data in (obj(squares, vertices), "\n".join(off).encode(), uv.encode()):
+            solid = MeshFile(data)
+            mesh = solid.mesh(0, np.eye(4))
+            corners = mesh.vertices[mesh.triangles]
+            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            assert solid.warning == "" and np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(2 * surface + walls)
+            assert np.einsum("ti,ti->", corners[:, 0], cross) / 6 == pytest.approx(surface)
+            proper = np.linalg.norm(cross, axis=1) > 1e-6
+            got = solid.corner_attributes(corners[proper], np.flatnonzero(proper)).uv
+            assert got == pytest.approx(corners[proper][..., :2], abs=1e-6)
+
+
 def parts(*boxes):
     """An OBJ file of boxes, each with its minimum corner, its size, and whether it is inside out."""
     rows = [f"v {' '.join(map(str, v))}" for low, size, _ in boxes for v in CUBE.vertices * size + low]
@@ -209,7 +247,7 @@ WRONG = {
     "flat.obj": (obj([SQUARES[0], SQUARES[0][::-1]]), "encloses nothing"),
     "empty.obj": (b"", "cannot be read: it has no faces; expected a closed mesh in PLY, OBJ, STL or OFF"),
     "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a closed mesh in PLY, OBJ, STL or OFF"),
-    "half.stl": (stl()[:-9], "cannot be read"),
+    "half.stl": (stl()[:-9], "it is damaged, or in another format"),
     "solid.stl": (b"solid x\nfacet normal 0 0 1\n", "its facets are not complete"),
     "faces.off": (OFF.replace("8 6 0", "8 5 0").encode(), "does not agree with its header"),
     "negative.off": (OFF.replace("8 6 0", "-6 20 0").encode(), "does not agree with its header"),

@@ -8,6 +8,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
+from manifold3d import triangulate
 
 from ..language.analysis import garbage_collection_paused
 from ..text_files import BYTE_ORDER_MARKS, decode
@@ -22,6 +23,8 @@ HEADER = re.compile(rb"ply[ \t]*(\r\n|\r|\n).*?\1end_header[ \t]*\r??\1", re.DOT
 UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 #: A triangle in a binary STL file, whose header has 84 bytes.
 STL_TRIANGLE, STL_HEADER = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]), 84
+#: The beginning of an OFF file; the letters before OFF announce normals, colours or uv after x y z, which are ignored.
+OFF = re.compile(r"(?:\s|#[^\n]*\n)*(?:C|N|ST)*OFF\b")
 POINT_ONLY = [True, False, False]  # of the three numbers of a corner
 LEFT_OUT = 1 << 62  # stands for a number that is left out of a corner in an OBJ file, as in 1//3
 CONTRADICTION = "its content does not agree with its header"
@@ -53,12 +56,16 @@ def parse(data: bytes) -> MeshData:
         data = decode(data).encode()
     if data[:3] == b"ply":
         return _ply(data)
-    if len(data) == STL_HEADER + STL_TRIANGLE.itemsize * int.from_bytes(data[80:STL_HEADER], "little"):
-        return _separate(np.frombuffer(data, STL_TRIANGLE, offset=STL_HEADER)["corners"].astype(float))
+    count = int.from_bytes(data[80:STL_HEADER], "little")
+    excess = len(data) - STL_HEADER - STL_TRIANGLE.itemsize * count
+    if excess == 0 or (excess > 0 and b"\0" in data):  # some programs write more behind the triangles
+        return _separate(np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER)["corners"].astype(float))
+    if b"\0" in data:  # a binary STL file that is cut off, or another binary file
+        raise ValueError
     text = decode(data)
     if re.match(r"\s*solid\b", text, re.IGNORECASE):
         return _stl(text.lower())
-    return _off(text) if re.match(r"\s*C?OFF\b", text) else _obj(text)
+    return _off(text) if OFF.match(text) else _obj(text)
 
 
 def _ply(data: bytes) -> MeshData:
@@ -105,9 +112,10 @@ def _ply_mesh(vertex: dict[str, Any], face: dict[str, Any]) -> MeshData:
     numbers, counts = _flat(corners)
     with np.errstate(invalid="ignore"):  # NaN becomes an invalid index, which is an error later
         numbers = numbers.astype(int)
-    index = np.where([True, uv.size > 0, normals.size > 0], _fans(numbers, counts)[..., None], -1)
+    triangles = _triangles(points, numbers, counts)
+    index = np.where([True, uv.size > 0, normals.size > 0], numbers[triangles][..., None], -1)
     if "texcoord" in face:  # uv of each corner of a face, where the others have those of a vertex
-        uv, index[..., 1] = _flat(face["texcoord"])[0], _fans(np.arange(len(numbers)), counts)
+        uv, index[..., 1] = _flat(face["texcoord"])[0], triangles
         if len(uv) != 2 * len(numbers):
             raise MeshError("its texcoord lists do not have two numbers for each corner of a face")
     return MeshData(points, index, uv.astype(float).reshape(-1, 2), normals.reshape(-1, 3))
@@ -150,7 +158,7 @@ def _rows(body: bytes, position: int, count: int, properties: Properties) -> tup
 
 
 def _obj(text: str) -> MeshData:
-    text = re.sub("#[^\n]*", "", text.replace("\\\n", " "))
+    text = re.sub("#[^\n]*", "", text).replace("\\\n", " ")  # a comment may end with a \, as folders do on Windows
     points, uv, normals, polygons = (_obj_lines(text, word) for word in ("v", "vt", "vn", "f"))
     for line in points:
         row = line.split()
@@ -169,9 +177,9 @@ def _obj(text: str) -> MeshData:
     for number in numbers[numbers <= 0][:1]:
         raise MeshError(f"a face has a corner {number}, which does not exist")
     numbers[numbers == LEFT_OUT] = 0
-    index = _fans(numbers - 1, counts)
+    numbers -= 1
     tables = [_obj_table(lines, width) for lines, width in ((points, 3), (uv, 2), (normals, 3))]
-    return MeshData(tables[0], index, *tables[1:])
+    return MeshData(tables[0], numbers[_triangles(tables[0], numbers[:, 0], counts)], *tables[1:])
 
 
 def _obj_lines(text: str, word: str) -> list[str]:
@@ -199,7 +207,7 @@ def _obj_corners(polygons: list[str]) -> np.ndarray:
 
 def _stl(text: str) -> MeshData:
     corners = re.findall(r"^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.MULTILINE)
-    if len(corners) != 3 * text.count("endfacet") or "endsolid" not in text:
+    if len(corners) != 3 * len(re.findall(r"\bend\s*facet", text)) or not re.search(r"\bend\s*solid", text):
         raise MeshError("its facets are not complete")
     return _separate(np.array(corners, float).reshape(-1, 3, 3))
 
@@ -219,19 +227,43 @@ def _off(text: str) -> MeshData:
     if point_count < 0 or len(faces) != face_count or any(not 0 <= n < len(row) for n, row in zip(counts, faces)):
         raise MeshError(CONTRADICTION)
     index = np.array([number for n, row in zip(counts, faces) for number in row[1 : n + 1]], int)
-    return MeshData(points, np.where(POINT_ONLY, _fans(index, counts)[..., None], -1))
+    return MeshData(points, np.where(POINT_ONLY, index[_triangles(points, index, counts)][..., None], -1))
 
 
-def _fans(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Divides convex polygons into m triangles (m, 3, ...); ``corners`` (n, ...) has the corners of all polygons, and
-    ``counts`` how many each polygon has. Polygons with fewer than 3 corners are left out. Raises MeshError if there are
-    no triangles.
+def _triangles(points: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Divides polygons into m triangles; returns the places (m, 3) of their corners in ``corners``, which has the
+    numbers of the ``points`` at the corners of all polygons, which may be wrong; ``counts`` has how many each polygon
+    has. Polygons with fewer than 3 corners are left out. Raises MeshError if there are no triangles.
     """
     result, first = [], np.cumsum(counts) - counts
+    positions = points if points.ndim == 2 and points.shape[1] == 3 and len(points) else np.zeros((1, 3))
     for count in dict.fromkeys(counts[counts > 2].tolist()):
-        polygons = corners[first[counts == count, None] + np.arange(count)]
-        fan = np.stack([np.repeat(polygons[:, :1], count - 2, axis=1), polygons[:, 1:-1], polygons[:, 2:]], axis=2)
-        result.append(fan.reshape(-1, *fan.shape[2:]))
+        places = first[counts == count, None] + np.arange(count)
+        fans = np.stack([np.repeat(places[:, :1], count - 2, axis=1), places[:, 1:-1], places[:, 2:]], axis=2)
+        if count > 3:
+            polygons = positions[np.clip(corners[places], 0, len(positions) - 1)]
+            normals, concave = _normals(polygons)
+            result += [places[i, _ears(polygons[i], normals[i])] for i in np.flatnonzero(concave).tolist()]
+            fans = fans[~concave]
+        result.append(fans.reshape(-1, 3))
     if not result:
         raise MeshError("it has no faces")
     return np.concatenate(result)
+
+
+def _normals(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the normals of polygons (n, corners, 3), and of which of them a fan of triangles would overlap itself."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        edges = polygons[:, 1:] - polygons[:, :1]
+        fans = np.cross(edges[:, :-1], edges[:, 1:])
+        normals = fans.sum(axis=1)
+        along = np.einsum("pfx,px->pf", fans, normals)
+        return normals, along.min(axis=1) < -1e-6 * np.sum(normals**2, axis=1)  # less is a rounding error
+
+
+def _ears(polygon: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Returns the corners (m, 3) of the triangles of a concave polygon."""
+    right = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    up = np.cross(normal, right)
+    flat = polygon @ np.stack([right / np.linalg.norm(right), up / np.linalg.norm(up)], axis=1)
+    return np.asarray(triangulate([flat]))

@@ -166,6 +166,8 @@ def test_what_does_not_fit_is_refused():
         mitsuba_prosim.denoise(image, np.zeros((4, 4, 4)))
     with pytest.raises(ValueError, match=r"normal has the shape \(2, 2, 3\), not \(4, 4, 3\)"):
         mitsuba_prosim.denoise(image, image, image, np.zeros((2, 2, 3)))
+    with pytest.raises(ValueError, match="normals only together with an albedo"):
+        mitsuba_prosim.denoise(image, image, normal=image)
 
 
 def test_without_the_package(monkeypatch):

@@ -29,11 +29,11 @@ def denoise(
         image, or by 0 if neither image has a finite value.
     ``albedo``, ``normal``
         Images of :ref:`integrator-prosim_features`, from samples that are independent of ``first`` and ``second``:
-        shape (height, width, 3), or None.
+        shape (height, width, 3), or None. Normals need an albedo.
     ``fast``
         Use smaller neural networks, which are several times faster.
 
-    Returns a :class:`Denoised`. Raises ValueError where the shapes do not fit, and :class:`.oidn.MissingError` where
+    Returns a :class:`Denoised`. Raises ValueError where the images do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
     """
     first, second = (np.array(half, dtype=np.float32, ndmin=2) for half in (first, second))
@@ -47,6 +47,8 @@ def denoise(
     for name, feature in (("albedo", albedo), ("normal", normal)):
         if feature is not None and np.shape(feature) != (*first.shape[:2], 3):
             raise ValueError(f"denoise: {name} has the shape {np.shape(feature)}, not {(*first.shape[:2], 3)}")
+    if albedo is None and normal is not None:
+        raise ValueError("denoise: Open Image Denoise uses normals only together with an albedo; give it, too")
     return denoise_halves(first, second, Denoiser(albedo, normal, fast))
 
 

@@ -242,7 +242,7 @@ def renaming(word, shift, name):
     "word, shift, name, renamed",
     [
         ("$turn", 1, "$angle", {"$turn": "$angle"}),
-        ("$turn / 3", 2, "angle", {"$turn": "$angle"}),
+        ("$turn / 3", 2, "ângulo", {"$turn": "$ângulo"}),
         ("t-mine", 2, "t-other", {"t-mine": "t-other"}),
         ("legs", 0, "feet", {"legs": "feet", "LEGS": "feet"}),
         ("SPHERE 1", 7, "77", {f"{x} 1": f"{x} 77" for x in ("SPHERE", "CYLINDER", "SURFACE", "TRANSFORM")}),

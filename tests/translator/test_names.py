@@ -67,6 +67,18 @@ def test_names_have_the_values_of_the_caller_or_of_their_defaults(tmp_path, writ
         prosim_scene.check(opened, define=define)
 
 
+def test_names_may_have_letters_of_any_language():
+    text = f"DEFAULT $não = 2\nDEFAULT $círculo_2 = {{$não + 1}}\nNSAMPLES {{2*$círculo_2}} MAX-LEVEL $não\n{MINIMAL}"
+    for define, expected in (None, (6, 2)), ({"não": 4}, (10, 4)):
+        for scene in (
+            prosim_scene.parse(text, define=define),
+            prosim_scene.parse(prosim_scene.format(text), define=define),
+        ):
+            assert (scene.samples, scene.max_level) == expected
+    with pytest.raises(SceneError, match=r"s.scn:3:13: .*; \$círculo_2 stands for 'x', by -D"):
+        prosim_scene.parse(text, "s.scn", {"círculo_2": "x"})
+
+
 def test_frame_and_time_have_values_of_their_own():
     text = "VIEW OBS $frame $time 1 END"
     assert prosim_scene.parse(text).view.eye == (0, 0, 1)

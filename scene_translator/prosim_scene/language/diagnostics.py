@@ -14,7 +14,7 @@ from .words import PROSE, preferred_spellings
 
 #: Matches a word of a message outside of the quotations of the scene's text; a suggestion in quotes counts as outside.
 MESSAGE_WORD = re.compile(r"(?<![\w])(?<!mean )'[^']*'|[\w-]+")
-USE = re.compile(r"\$([A-Za-z_]\w*)", re.ASCII)
+USE = re.compile(r"\$([^\W\d]\w*)")
 AnyPath = str | PathLike[str]
 OWN_PACKAGES = ("prosim_scene", "mitsuba_prosim", "prosim_start")
 MAX_QUOTE = 60  # the largest number of characters that a message quotes

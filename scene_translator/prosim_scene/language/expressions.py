@@ -19,7 +19,7 @@ from .diagnostics import MAX_ERRORS, SceneError, Source, Span, listing, quote
 from .suggestions import BRACES, NUMBER, nearest
 
 #: Matches a name without its ``$``.
-NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+NAME = re.compile(r"[^\W\d]\w*")
 #: The predefined names: the number of a frame of an animation, and the time of this frame in seconds.
 FRAME, TIME = "frame", "time"
 #: The default number of frames per second, as in cinema.

@@ -208,3 +208,21 @@ def test_an_image_lights_the_scene(tmp_path, write_scene):
     for wrong, words in ("SKY position 0 0 9", "found 'position'"), ("SKY none.exr", "does not exist"):
         with pytest.raises(SceneError, match=words):
             prosim_scene.check(write_scene(f"LIGHTS {wrong} CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END"))
+
+
+@pytest.mark.parametrize(
+    "solid, words",
+    [
+        ("a + a 1 SPHERE 0", "unknown word 'a'; expected .*; a solid cannot contain itself"),
+        ("a SPHERE 0 radius 2", "radius has no effect on SPHERE"),
+        ("a + SPHERE 0", "this '.' lacks an operand"),
+        ("a", "this solid is empty"),
+        ("á CUBO 0 NULL NULL NULL", "this is a third texture"),
+    ],
+)
+@pytest.mark.parametrize("tree", ["a 1", "- a 1 SPHERE 0", "+ SPHERE 0 + A 1 a 2"])
+def test_the_use_of_a_wrong_solid_is_not_another_error(solid, words, tree):
+    surfaces = "SURFACE 0 kd .5 TRANSFORM 0 TRANSFORM 1 TRANSFORM 2"
+    with pytest.raises(SceneError, match=words) as caught:
+        prosim_scene.parse(f"SOLID {solid}\nSOLID b + a 2 CUBE 0\nCSG-TREE + b 1 {tree}\n{surfaces}\nEND")
+    assert caught.value.line == 1 and not caught.value.others

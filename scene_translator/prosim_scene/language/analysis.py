@@ -210,7 +210,7 @@ def _indices_problems(document: Document) -> Iterator[SceneError]:
     surfaces, transforms = ({key for field, key in statements if field == name} for name in ("surfaces", "transforms"))
     reported = set()
     for number, leaf in document.scene.leaves:
-        if (leaf.index, leaf.within) in reported:
+        if (leaf.index, leaf.within) in reported or leaf.index < 0:  # -1: the statement has an error
             continue
         reported.add((leaf.index, leaf.within))
         indices = leaf.index, *leaf.within

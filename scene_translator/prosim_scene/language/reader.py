@@ -23,6 +23,8 @@ from .words import NAMED, STATEMENTS, Numbers, find_word, normalise
 
 #: The largest number of primitives in all uses of named solids. A primitive counts once for each solid around it.
 MAX_PRIMITIVES = 500_000
+#: The nodes of a named solid whose statement has an error, so that a use of it is not another error.
+WRONG_SOLID = (model.Leaf("sphere", -1),)
 #: Matches the beginning of a line that starts with the keyword of a statement.
 STATEMENT_LINE = re.compile(
     rf"^[ \t]*(?:{'|'.join(sorted(map(re.escape, words.spellings_of(*STATEMENTS)), key=len, reverse=True))})(?![\w.-])",
@@ -406,15 +408,22 @@ class Reader(Scanner):
         return model.Pattern(kind, tuple(sorted(parameters.items())))
 
     def read_solid(self) -> Tree:
-        """Reads SOLID, a named CSG tree; an error if the name is a word of the language, or without a tree."""
+        """Reads SOLID, a named CSG tree; an error if the name is a word of the language, or without a tree. After an
+        error, the solid is WRONG_SOLID.
+        """
         token = self.read_token(frozenset(("WORD",)))
         self.begin_value("solids", normalise(token.text), at=token)
         if normalise(token.text) in words.WORDS_BY_SPELLING:
             self.add_error(token.span, f"{quote(token.text)} is a keyword; expected another name", "name")
-        error_count, nodes = len(self.errors), self.read_csg_tree()
+        error_count = len(self.errors)
+        try:
+            nodes = self.read_csg_tree()
+        except SceneError:
+            self.fields["solids"].setdefault(normalise(token.text), WRONG_SOLID)
+            raise
         if not nodes and len(self.errors) == error_count:
             self.add_error(token.span, f"this solid is empty; expected its tree after {token.text}", "incomplete")
-        return nodes
+        return nodes or WRONG_SOLID
 
     def read_csg_tree(self) -> Tree:
         """Reads operators and primitives in prefix order, with the nodes of named solids; empty after an error. Raises
@@ -545,6 +554,8 @@ class Reader(Scanner):
             solid = rf"\b(?:{'|'.join(words.spellings_of('SOLID'))})\s+{re.escape(text)}(?!\S)"
             if "USE" in roles and re.compile(solid, re.IGNORECASE).search(self.source.text, token.end):
                 suggestion = "; its SOLID stands below, and has to stand above its first use"
+            if "USE" in roles and self.path == ("solids", normalise(text)):
+                suggestion = "; a solid cannot contain itself"
             if self.keyword.role == "NAME":
                 suggestion = '; write a name of several words in quotes: NAME "a red ball"' + suggestion
             found, code, reason = f"unknown word {quote(text)}", "unknown-word", reason + suggestion

@@ -130,8 +130,8 @@ def is_own_sphere(emitter: mi.Emitter, it: mi.Interaction3f | mi.SurfaceInteract
     Where rounding puts such a point outside the sphere, Mitsuba 3.9 samples the point itself.
     """
     shape = emitter.get_shape()
-    if shape is None or shape.class_name() != compat.SPHERE or shape.has_flipped_normals():
-        return False
+    if shape is None or shape.class_name() != compat.SPHERE or shape.has_flipped_normals() or is_users(emitter):
+        return False  # a user's emitter may also emit inwards
     if not isinstance(it, mi.SurfaceInteraction3f):
         return False
     return it.shape == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)

@@ -91,6 +91,7 @@ KINDS = {
     "returns.stl": stl(binary=False).upper().replace(b"SOLID CUBE", b"solid x", 1).replace(b"\n", b"\r"),
     "plain.off": OFF.encode(),
     "folder.obj": "\n".join(["# C:\\models\\", *VERTICES, *FACES]).encode(),  # a comment ends with its line
+    "zero.obj": b"# " + 60 * b"a" + b"\0\n" + obj(),
     "excess.stl": stl() + b"\0 written by a program",
     "spaces.stl": stl(binary=False).replace(b"endfacet", b"end facet").replace(b"endsolid", b"end solid"),
     "comment.off": f"# a cube\n\n# {' # ' * 40}\n{OFF}".encode(),
@@ -248,6 +249,7 @@ WRONG = {
     "empty.obj": (b"", "cannot be read: it has no faces; expected a closed mesh in PLY, OBJ, STL or OFF"),
     "picture.ply": (b"\x89PNG\r\n\x1a\n\0v\xff", "expected a closed mesh in PLY, OBJ, STL or OFF"),
     "half.stl": (stl()[:-9], "it is damaged, or in another format"),
+    "no-name.stl": (stl()[5:].rjust(684)[:-99], "it is damaged, or in another format"),
     "solid.stl": (b"solid x\nfacet normal 0 0 1\n", "its facets are not complete"),
     "faces.off": (OFF.replace("8 6 0", "8 5 0").encode(), "does not agree with its header"),
     "negative.off": (OFF.replace("8 6 0", "-6 20 0").encode(), "does not agree with its header"),

@@ -58,10 +58,11 @@ def parse(data: bytes) -> MeshData:
         return _ply(data)
     count = int.from_bytes(data[80:STL_HEADER], "little")
     excess = len(data) - STL_HEADER - STL_TRIANGLE.itemsize * count
-    if excess == 0 or (excess > 0 and b"\0" in data):  # some programs write more behind the triangles
+    is_binary = data[83:STL_HEADER] == b"\0"  # the last byte of the count, as the size of mesh files is limited
+    if excess == 0 or (excess > 0 and is_binary):  # some programs write more behind the triangles
         return _separate(np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER)["corners"].astype(float))
-    if b"\0" in data:  # a binary STL file that is cut off, or another binary file
-        raise ValueError
+    if is_binary:
+        raise ValueError  # the file is cut off, or no STL file
     text = decode(data)
     if re.match(r"\s*solid\b", text, re.IGNORECASE):
         return _stl(text.lower())

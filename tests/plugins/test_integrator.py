@@ -93,6 +93,35 @@ def test_one_channel_has_the_values_that_it_has_with_others(variant_rgb):
     assert np.array_equal(image[..., 0], red[..., 0]) and red[..., 1:].max() == 0
 
 
+@pytest.mark.parametrize("nested", [{}, {"inner": {"type": "path"}}])
+@pytest.mark.parametrize("name, within", [("scalar_rgb", False), ("llvm_ad_rgb", True)])
+def test_omitted_channels_are_black_where_mitsuba_takes_the_samples(name, within, nested):
+    mi.set_variant(name)
+    ours = {"type": "prosim_adaptive" if nested else "prosim", **nested}
+
+    def image(**parameters):
+        inner = {**ours, **parameters}
+        around = {"type": "prosim_adaptive", "aov": {"type": "aov", "aovs": "d:depth", "inner": inner}}
+        integrator = around if within else inner
+        scene = {**penumbra(type="path"), "integrator": integrator}
+        scene["sensor"] = {**scene["sensor"], "film": film(4)}
+        return np.array(mi.render(mi.load_dict(scene), spp=4))
+
+    everything, red = image(), image(channels="r")
+    assert np.array_equal(everything[..., 0], red[..., 0]) and red[..., 0].max() > 0 and red[..., 1:3].max() == 0
+    assert np.array_equal(everything, image(channels="bgr"))
+
+
+def test_channels_are_refused_where_only_the_film_knows_the_colours(variant_spectral):
+    loaded = mi.load_dict(penumbra(type="prosim_adaptive", inner={"type": "prosim", "channels": "r"}))
+    with pytest.raises(RuntimeError) as caught:
+        list(loaded.integrator().progressive(loaded))
+    error = caught.value
+    while error.__cause__ or error.__context__:  # Dr.Jit's loops raise errors of their own
+        error = error.__cause__ or error.__context__
+    assert 'channels = "r" is for its own render' in str(error)
+
+
 # ------------------------------------------------------------------ the same image, bit by bit
 
 
@@ -399,6 +428,14 @@ def test_film_of_spectral_bands_refuses_aovs_and_layers(variant_spectral, parame
     bands = film(4, low={"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]}) | {"type": "specfilm"}
     loaded = mi.load_dict({**scene, "sensor": {**scene["sensor"], "film": bands}})
     with pytest.raises(ValueError, match="SpecFilm stores spectral bands, without AOVs and layers"):
+        loaded.integrator().estimator(loaded, loaded.sensors()[0])
+
+
+def test_film_of_spectral_bands_refuses_channels(variant_spectral):
+    scene = penumbra(type="prosim", channels="r")
+    bands = film(4, low={"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]}) | {"type": "specfilm"}
+    loaded = mi.load_dict({**scene, "sensor": {**scene["sensor"], "film": bands}})
+    with pytest.raises(ValueError, match='SpecFilm stores spectral bands, so channels = "r" cannot'):
         loaded.integrator().estimator(loaded, loaded.sensors()[0])
 
 

@@ -39,6 +39,10 @@ class Channels:
         self.names = [*own, "W", *aov_names]
         #: Names of the AOVs of the film, which follow its own channels.
         self.aov_names = aov_names + self.own_aovs
+        if self.special and set(colours) != set("rgb"):
+            raise ValueError(
+                f'{film.class_name()} stores spectral bands, so channels = "{colours}" cannot choose colours'
+            )
         if self.special and self.aov_names:  # Mitsuba would end the process
             raise ValueError(f"{film.class_name()} stores spectral bands, without AOVs and layers; use an hdrfilm")
 

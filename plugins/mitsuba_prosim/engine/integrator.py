@@ -92,6 +92,19 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         return aov_values(self.mitsuba_aovs, scene, sampler, ray, active)
 
+    def _stored(self, L: mi.Spectrum) -> mi.Spectrum:
+        """Returns the radiance ``L`` without the colours that ``channels`` omits. Raises RuntimeError where only the
+        film knows the colours: in spectral and monochromatic variants.
+        """
+        if set(self.channels) == set("rgb"):
+            return L
+        if not mi.is_rgb:
+            raise RuntimeError(
+                f'{self.name}: in spectral and monochromatic variants, channels = "{self.channels}" is for its own '
+                "render() alone, in variants other than scalar ones and not within another integrator; leave it out."
+            )
+        return L * mi.Color3f([float(name in self.channels) for name in "rgb"])
+
     def cancel(self) -> None:
         """Ends all renders of this integrator within about a second; the films keep the images of their samples."""
         for render in list(self._renders):

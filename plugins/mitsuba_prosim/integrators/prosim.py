@@ -268,7 +268,8 @@ class Prosim(ProgressiveIntegrator):
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Returns the radiance along ``ray``, whether the ray is opaque, and the values of the AOVs.
 
-        Raises RuntimeError with ``layers``, ``caustics``, and the AOVs ``samples`` and ``error``.
+        Raises RuntimeError with ``layers``, ``caustics``, and the AOVs ``samples`` and ``error``, and in spectral and
+        monochromatic variants if ``channels`` omits a colour.
 
         ``medium`` is the medium around the camera, which a render in a scalar variant already knows.
         """
@@ -278,7 +279,7 @@ class Prosim(ProgressiveIntegrator):
         L, alpha, _ = transport(ray, SamplerPoints(sampler), active)
         aovs = self._aovs_of_ray(scene, sampler, ray, active)
         # Mitsuba has only masks here. The opacity is a fraction where a surface lets a part of the light pass.
-        return L, alpha > (sampler.next_1d(active) if transport.sees_through else 0.5), aovs
+        return self._stored(L), alpha > (sampler.next_1d(active) if transport.sees_through else 0.5), aovs
 
     def _settings(self) -> Settings:
         return Settings(**{name: getattr(self, name) for name in SETTINGS})

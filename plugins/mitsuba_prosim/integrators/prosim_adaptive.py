@@ -116,12 +116,12 @@ class ProsimAdaptive(ProgressiveIntegrator):
         active: mi.Bool = True,
     ) -> tuple[mi.Spectrum, mi.Bool, list[mi.Float]]:
         """Returns the result of the nested integrator along ``ray``, with the AOVs of both. Raises RuntimeError with
-        the AOVs ``samples`` and ``error``.
+        the AOVs ``samples`` and ``error``, and in spectral and monochromatic variants if ``channels`` omits a colour.
         """
         # ``_scalar`` is the transport object of a render in a scalar variant, otherwise None.
         transport = self._scalar or InnerIntegrator(self.nested, scene, medium)
         L, alpha, others = transport(ray, SamplerPoints(sampler), active)
-        return L, alpha > 0.5, others + self._aovs_of_ray(scene, sampler, ray, active)
+        return self._stored(L), alpha > 0.5, others + self._aovs_of_ray(scene, sampler, ray, active)
 
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
         return InnerIntegrator(self.nested, scene, sensor.get_medium())

@@ -226,3 +226,15 @@ def test_the_use_of_a_wrong_solid_is_not_another_error(solid, words, tree):
     with pytest.raises(SceneError, match=words) as caught:
         prosim_scene.parse(f"SOLID {solid}\nSOLID b + a 2 CUBE 0\nCSG-TREE + b 1 {tree}\n{surfaces}\nEND")
     assert caught.value.line == 1 and not caught.value.others
+
+
+def test_an_index_of_a_solid_that_is_not_used_is_not_called_unknown():
+    text = (
+        "SOLID a CUBE 5\nCSG-TREE SPHERE 0\nSURFACE 0 kd .5 TRANSFORM 0\nSURFACE 5 kd .5 TRANSFORM 5 TRANSFORM 1\nEND"
+    )
+    with pytest.warns(
+        prosim_scene.SceneWarning, match="no primitive that CSG-TREE uses has the index 5; delete this, or"
+    ):
+        prosim_scene.parse(text)
+    with pytest.warns(prosim_scene.SceneWarning, match="no primitive has the index 1; delete this"):
+        prosim_scene.parse(text.replace("SOLID a CUBE 5\n", "").replace("SPHERE 0", "+ SPHERE 0 CUBE 5"))

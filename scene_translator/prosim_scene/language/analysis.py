@@ -239,10 +239,13 @@ def _textures_problems(document: Document) -> Iterator[SceneError]:
 
 def _unused_warnings(document: Document) -> Iterator[SceneWarning]:
     scene, used = document.scene, _used_indices(document.scene)
+    reason = "no primitive has the index {}; delete this"
+    if any(path[0] == "solids" for path in document.spans):  # a solid that is not used may have the index
+        reason = "no primitive that CSG-TREE uses has the index {}; delete this, or use a solid with this index"
     for field in "surfaces", "transforms":
         for index in getattr(scene, field):
             if index not in used:
-                yield document.warning(f"no primitive has the index {index}; delete this", field, index, code="unused")
+                yield document.warning(reason.format(index), field, index, code="unused")
     for path in document.spans:
         if path[0] == "defaults" and path[1] not in document.uses:
             yield document.warning(f"nothing below uses ${path[1]}; delete it, or use it", *path, code="unused")

@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING, Any, cast
 import drjit as dr
 import mitsuba as mi
 
-from .registry import is_users
-
 if TYPE_CHECKING:
     import numpy as np
 
@@ -231,6 +229,12 @@ MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMa
 
 #: Class names of BSDFs that name their components, but evaluate all of them together.
 EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
+
+
+def is_users(thing: mi.Object) -> bool:
+    """Tells whether the class of ``thing`` is a user's: not of Mitsuba, nor derived from a plugin of this package."""
+    packages = [base.__module__.partition(".")[0] for base in type(thing).__mro__]
+    return packages[0] != "mitsuba" and __package__ not in packages
 
 
 def description(thing: Any) -> str:

@@ -65,12 +65,6 @@ def create(name: str, **properties: Any) -> Any:
     return mi.PluginManager.instance().create_object(props)
 
 
-def is_users(thing: mi.Object) -> bool:
-    """Tells whether the class of ``thing`` is a user's: not of Mitsuba, nor derived from a plugin of this package."""
-    packages = [base.__module__.partition(".")[0] for base in type(thing).__mro__]
-    return packages[0] != "mitsuba" and __package__ not in packages
-
-
 def modules() -> Iterator[str]:
     """Yields the full names of the modules that are executed again for every variant; base classes come first."""
     yield from (f"{__package__}.{module}" for module in BASES)

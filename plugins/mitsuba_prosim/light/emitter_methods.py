@@ -22,7 +22,6 @@ import mitsuba as mi
 
 from .. import compat
 from ..masks import but_not
-from ..registry import is_users
 
 #: One emitter, or a Dr.Jit array of emitters.
 Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
@@ -130,7 +129,7 @@ def is_own_sphere(emitter: mi.Emitter, it: mi.Interaction3f | mi.SurfaceInteract
     Where rounding puts such a point outside the sphere, Mitsuba 3.9 samples the point itself.
     """
     shape = emitter.get_shape()
-    if shape is None or shape.class_name() != compat.SPHERE or shape.has_flipped_normals() or is_users(emitter):
+    if shape is None or shape.class_name() != compat.SPHERE or shape.has_flipped_normals() or compat.is_users(emitter):
         return False  # a user's emitter may also emit inwards
     if not isinstance(it, mi.SurfaceInteraction3f):
         return False
@@ -277,7 +276,7 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
-            if one.class_name() == compat.AREA or is_users(one):
+            if one.class_name() == compat.AREA or compat.is_users(one):
                 return sample_point(one.get_shape(), 0.0, sample, active)
             return one.sample_position(0.0, sample, active)[0]
 

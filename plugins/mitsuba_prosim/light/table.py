@@ -13,9 +13,8 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import emitter_pointers, emitters_in_order, eval_direction
+from ..compat import emitter_pointers, emitters_in_order, eval_direction, is_users
 from ..masks import but_not, fold, idle
-from ..registry import is_users
 from .emitter_methods import Emitter
 from .strategy import ConstantSky, Index, LightSample, OtherLights, Receiver, SphereLights
 

@@ -30,11 +30,10 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples, is_users
 from ..light.emitter_methods import loses_light, name_of
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
-from ..registry import is_users
 from . import lobes
 from .lobes import LobePoint
 

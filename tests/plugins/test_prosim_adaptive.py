@@ -95,6 +95,14 @@ def test_with_a_noise_to_reach_bands_and_threads_do_not_change_a_bit(variant_rgb
 # ------------------------------------------------------------------ derivatives
 
 
+@pytest.mark.parametrize("method", ["render_forward", "render_backward"])
+def test_derivatives_refuse_to_omit_colours(variant_rgb, method):
+    scene, ours = mi.load_dict(penumbra(COPPER)), mi.load_dict(adaptive("prb", channels="r"))
+    given = [dr.ones(mi.TensorXf, (32, 32, 3))] if method == "render_backward" else []
+    with pytest.raises(RuntimeError, match='leave out channels = "r"'):
+        getattr(ours, method)(scene, mi.traverse(scene), *given)
+
+
 def test_derivatives_are_the_nested_integrators(variant_rgb):
     """Forward to the bit; backward but for the order of the sums."""
     scene, nested = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": "prb"})

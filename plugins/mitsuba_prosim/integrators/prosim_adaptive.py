@@ -126,12 +126,18 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
         return InnerIntegrator(self.nested, scene, sensor.get_medium())
 
+    def _check_channels(self) -> None:
+        if set(self.channels) != set("rgb"):
+            raise RuntimeError(f'{self.name}: derivatives are of all colours; leave out channels = "{self.channels}".')
+
     def render_forward(
         self, scene: mi.Scene, params: Any, sensor: int | mi.Sensor = 0, seed: int | mi.UInt32 = 0, spp: int = 0
     ) -> mi.TensorXf:
         """Returns the forward-mode derivative of the image by the nested integrator; 0 for the AOVs that this
-        integrator adds. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``.
+        integrator adds. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. Raises
+        RuntimeError if ``channels`` omits a colour.
         """
+        self._check_channels()
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
         return dr.concat((gradient, dr.zeros(mi.TensorXf, (*gradient.shape[:2], own))), axis=2) if own else gradient
@@ -146,8 +152,9 @@ class ProsimAdaptive(ProgressiveIntegrator):
         spp: int = 0,
     ) -> None:
         """Backpropagates the gradient ``grad_in`` of the image, except for the AOVs that this integrator adds, by the
-        nested integrator. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``.
+        nested integrator. Otherwise as :meth:`render_forward`.
         """
+        self._check_channels()
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]
         self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

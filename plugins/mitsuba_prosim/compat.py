@@ -215,7 +215,7 @@ PERSPECTIVE = "PerspectiveCamera"
 CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 
 #: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture
-#: coordinates in the unit square. On a cylinder too; but Mitsuba 3.9 finds other points by them if it is turned.
+#: coordinates in the unit square, by which Mitsuba finds them: not on a cylinder that is turned (3.9).
 MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Disk", RECTANGLE, SPHERE)
 
 #: Class name of the emitter that may sample only its bright parts (``mis_compensation``).

@@ -92,11 +92,16 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         return aov_values(self.mitsuba_aovs, scene, sampler, ray, active)
 
+    @property
+    def omits_colours(self) -> bool:
+        """Whether the parameter ``channels`` omits a colour."""
+        return set(self.channels) != set("rgb")
+
     def _stored(self, L: mi.Spectrum) -> mi.Spectrum:
         """Returns the radiance ``L`` without the colours that ``channels`` omits. Raises RuntimeError where only the
         film knows the colours: in spectral and monochromatic variants.
         """
-        if set(self.channels) == set("rgb"):
+        if not self.omits_colours:
             return L
         if not mi.is_rgb:
             raise RuntimeError(

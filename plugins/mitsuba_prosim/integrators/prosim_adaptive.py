@@ -127,7 +127,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         return InnerIntegrator(self.nested, scene, sensor.get_medium())
 
     def _check_channels(self) -> None:
-        if set(self.channels) != set("rgb"):
+        if self.omits_colours:
             raise RuntimeError(f'{self.name}: derivatives are of all colours; leave out channels = "{self.channels}".')
 
     def render_forward(

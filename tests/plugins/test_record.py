@@ -72,6 +72,16 @@ def test_a_checkpoint_is_resumed_with_another_limit(variant_rgb):
     assert np.all(np.rint(image[..., -2]).ravel() >= quick.pixels["count"])
 
 
+def test_a_maximum_below_n_is_continued(variant_rgb):
+    """The passes keep their N, which such a maximum lowers: they were refused as the samples of another image."""
+    begin = None
+    for most, expected in [(3, 3), (40, 40), (4, 40)]:
+        scene = copper(size=8, adaptive="none", max_samples=most, aovs="samples")
+        image, _ = finished(scene, begin=begin)
+        assert np.all(np.rint(image[..., -1]) == expected)
+        begin = checkpoints(scene, begin=begin)[-1]
+
+
 def test_checkpoints_of_another_image_are_refused(variant_rgb):
     (*_, last) = checkpoints(copper(size=8))
     for settings, says in [

@@ -146,6 +146,13 @@ class Checkpoint:
         """The part of the image whose samples the checkpoint has; None for the whole image."""
         return Part(*self.attributes["part"]) if self.attributes["part"] else None
 
+    def n(self, sampling: Sampling) -> int:
+        """The N of all passes of an image that continues from this checkpoint with the parameters ``sampling``: that of
+        its first passes, which a maximum of samples may have lowered. If N cannot continue, :meth:`restore` refuses it.
+        """
+        n, same = self.attributes["samples"].get("samples of a pass"), self.attributes["sampling"]["samples"]
+        return n if same == sampling.samples and is_integer(n, 1, sampling.samples) else sampling.n
+
     def restore(self, state: Image) -> bool:
         """Copies this checkpoint into ``state``, which has no samples yet.
 

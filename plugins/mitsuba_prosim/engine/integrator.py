@@ -204,7 +204,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             )
         with alone(), dr.suspend_grad():
             estimator = self.estimator(scene, sensor)
-            plan = Plan.of(sampling, sensor.film(), seed, spp)
+            plan = Plan.of(sampling, sensor.film(), seed, spp, 0 if begin is None else begin.n(sampling))
             render = Render(plan, estimator, executor, begin, part, measure)
         self._renders.add(render)
         return render

@@ -44,6 +44,11 @@ class Sampling:
     band: int
 
     @property
+    def n(self) -> int:
+        """The number N of samples of a pass: ``samples``, or a lower maximum."""
+        return min(self.samples, self.max_samples or self.samples)
+
+    @property
     def noises(self) -> tuple[float, float]:
         """Limits of the RMS error, and of the errors of 99 % of the pixels; 0 means no limit."""
         return self.noise, self.noise_99
@@ -117,18 +122,18 @@ class Plan:
     photon_seed: int
 
     @classmethod
-    def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int) -> Plan:
+    def of(cls, sampling: Sampling, film: mi.Film, seed: int | mi.UInt32, spp: int, n: int = 0) -> Plan:
         """Returns the plan for an image on ``film`` with the parameters ``sampling`` and the random ``seed``.
 
-        A nonzero ``spp`` is the number of samples of each pixel; ``sampling`` must then be the result of
+        A nonzero ``n`` is the N of the image's earlier passes, which may have had another maximum. A nonzero ``spp`` is
+        the number of samples of each pixel; ``sampling`` must then be the result of
         :meth:`Sampling.uniform`. If the parameter ``max_samples`` is 0, the maximum number of samples of a pixel is
         :data:`UNLIMITED` with a limit of noise or time, and else :attr:`.Policy.max_patterns` times N².
         """
         from .policies import POLICIES  # slow to import, and only a render needs NumPy
 
         policy, noisy = POLICIES[sampling.adaptive], sampling.samples**2
-        n = min(sampling.samples, sampling.max_samples or noisy)
-        least = sampling.min_passes * n
+        n, least = n or sampling.n, sampling.min_passes * sampling.n
         if sampling.has_target:
             highest = sampling.max_samples or UNLIMITED
             least = 1 << (least.bit_length() - 1)  # a power of two, for which Sobol' points are best
@@ -168,7 +173,7 @@ class Plan:
         from .policies import POLICIES
 
         numbers = self.min_samples, self.noisy_samples, self.max_samples
-        return POLICIES[self.sampling.adaptive](self.n, self.sampling.threshold, *numbers)
+        return POLICIES[self.sampling.adaptive](self.sampling.n, self.sampling.threshold, *numbers)
 
     def points(self, x: mi.Int32, y: mi.Int32, t: mi.UInt32) -> NRook | Sobol:
         """Returns the ``t``-th sample point of the pixels (x, y).

@@ -65,7 +65,7 @@ def test_space_that_is_checked_suffices(write_scene, variant_rgb, monkeypatch, o
         ("translate", "{}/pal.xml", "give a folder"),
         ("translate", "{}/" + "a" * 260, "File name too long"),
         ("render", "/proc/image", "No such file"),
-        *[("render", "{}/" + name, "too long") for name in ("a" * 252, "é" * 126)],
+        *[("render", "{}/" + name, "too long") for name in ("a" * 252, "é" * 126, "a" * 300)],
         ("render", "{}/listing.scn/a", "Not a directory"),
     ],
 )

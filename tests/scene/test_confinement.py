@@ -108,6 +108,11 @@ def test_files_within_and_those_of_mitsuba_are_read(variant_rgb, folder):
     ):
         opened(folder, text, x="good.ply") if "$x" in text else opened(folder, text)
     assert opened(folder, METAL.format("Cu")).load()
+    numbers = ", ".join(map(str, range(360, 830)))  # too many for a name
+    lists = "".join(f'<string name="{name}" value="{numbers}"/>' for name in ("wavelengths", "values"))
+    for confined in (True, False):
+        text = f'<emitter type="constant"><spectrum name="radiance" type="irregular">{lists}</spectrum></emitter>'
+        assert opened(folder, text, confined).load()
     for missing in (SPECTRUM, INCLUDE, STRING):
         with pytest.raises(RuntimeError, match=r"\w+\.cpp"):
             opened(folder, missing.format("none.ply")).load()

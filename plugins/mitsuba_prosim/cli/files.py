@@ -31,12 +31,12 @@ def output_stem(output: str | None, default: Path, suffixes: Collection[str]) ->
     if output is None:
         return default
     path = Path(os.path.expanduser(output))
-    if output and (output.endswith(("/", os.sep)) or path.is_dir()):
+    if output and (output.endswith(("/", os.sep)) or os.path.isdir(path)):
         return path / default.name
     suffix = path.suffix.lower()
     if suffix in suffixes:
         return path.with_suffix("")
-    if FOREIGN.fullmatch(suffix) or path.name in ("", "-") or (path.exists() and not path.is_file()):
+    if FOREIGN.fullmatch(suffix) or path.name in ("", "-") or (os.path.exists(path) and not os.path.isfile(path)):
         raise click.BadParameter(f"'{output}': give a name or a folder for {' and '.join(suffixes)}.", param_hint="-o")
     return path
 

@@ -158,7 +158,7 @@ class Confinement:
                     f"{what} names {name!r}, which leads to {real}, outside the scene's folder; move the file there, "
                     "or use --allow-outside"
                 )
-            if real.exists() and not (real.is_file() or real.is_dir()):
+            if os.path.exists(real) and not (os.path.isfile(real) or os.path.isdir(real)):
                 return f"{what} names {name!r}, which is a device or a pipe; use a file"
         return None
 

@@ -188,7 +188,7 @@ class SceneFile:
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
                 path = Path(str(self._resolver.resolve(props[name])))
-                if path.is_file():
+                if os.path.isfile(path):  # pathlib raises an error for a list of numbers that is too long for a name
                     yield props, name, path
 
     def load(self, sampler: str | None = None) -> mi.Scene:

@@ -4,6 +4,7 @@ import time
 
 import mitsuba as mi
 import mitsuba_prosim
+import numpy as np
 import pytest
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
@@ -139,3 +140,26 @@ def test_good_image_has_no_cause(variant_rgb):
     made = scene(PATH, **panel())
     good = mitsuba_prosim.render(mi.load_dict(made), noise=0.02, progress=False)
     assert good.verdict.startswith("error ") and "pixel" not in good.verdict
+
+
+def with_gaps(share):
+    """An image in which ``share`` of the values are NaN, the last ones."""
+    values = np.full((8, 8, 3), 0.5, np.float32)
+    values[int(8 * (1 - share)) :] = np.nan
+    return {"type": "bitmap", "raw": True, "filter_type": "nearest", "bitmap": mi.Bitmap(values)}
+
+
+@pytest.mark.parametrize("integrator", [PATH, PATHS], ids=["path", "prosim"])
+@pytest.mark.parametrize("place", ["surface", "lamp", "sky"])
+def test_samples_that_are_not_finite_are_told(variant_rgb, integrator, place):
+    """They count as black, so an image that lacks light could pass for a good one."""
+    things = panel()
+    if place == "surface":
+        things["floor"] = pane({"type": "diffuse", "reflectance": with_gaps(0.5)}, 6)
+    elif place == "lamp":
+        things["panel"]["emitter"]["radiance"] = with_gaps(0.5)
+    elif place == "sky":
+        things["sky"] = {"type": "envmap", "bitmap": with_gaps(0.5)["bitmap"]}
+    made = mi.load_dict(scene(integrator, **things))
+    told = mitsuba_prosim.render(made, spp=8, progress=False).verdict
+    assert "of 8,192 samples are infinite or NaN, and count as black, most of them in the pixel " in told

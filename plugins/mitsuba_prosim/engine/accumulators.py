@@ -43,15 +43,16 @@ class Accumulators:
     pass_squares: mi.Float64
     #: Sum of the luminance over the current pass.
     in_pass: mi.Float64
-    #: Number of samples.
+    #: Number of samples, and of those that are infinite or NaN, which count as black.
     count: mi.UInt32
+    lost: mi.UInt32
 
     @classmethod
     def empty(cls, sums_per_pixel: int, pixels: int) -> Accumulators:
         """Returns accumulators without samples, with ``sums_per_pixel`` sums for each pixel of an image."""
         sums = dr.zeros(double(), pixels * sums_per_pixel)
         total, squares, pass_squares, in_pass = (dr.zeros(double(), pixels) for _ in range(4))
-        return cls(sums, total, squares, pass_squares, in_pass, dr.zeros(mi.UInt32, pixels))
+        return cls(sums, total, squares, pass_squares, in_pass, *(dr.zeros(mi.UInt32, pixels) for _ in range(2)))
 
     @classmethod
     def of_arrays(cls, named: Mapping[str, np.ndarray]) -> Accumulators:
@@ -66,9 +67,9 @@ class Accumulators:
         return named | {f"sum{k}": values for k, values in enumerate(columns)}
 
     @property
-    def others(self) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64, mi.UInt32]:
+    def others(self) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64, mi.UInt32, mi.UInt32]:
         """All attributes but ``sums``."""
-        return self.total, self.squares, self.pass_squares, self.in_pass, self.count
+        return self.total, self.squares, self.pass_squares, self.in_pass, self.count, self.lost
 
     def film_sums(
         self, pixel: mi.UInt32, place: int | mi.UInt32, channels: int, active: mi.Bool = True

@@ -31,7 +31,7 @@ from .policies import POLICIES
 from .tiles import Part
 
 #: Version of the format.
-FORMAT = 15
+FORMAT = 16
 
 #: Parameters of sampling that decide how many samples a pixel gets. A render may continue from a checkpoint with other
 #: values of these parameters, and with other :data:`.TARGETS`.

@@ -72,8 +72,8 @@ class Estimator:
 
         ``values`` are the sample's values of the channels ``channels.names``, not yet multiplied by the weights of the
         reconstruction filter; absolute values below :data:`.DARKEST` become 0. ``luminance`` is the luminance
-        of the sample's radiance. A radiance that is infinite or NaN becomes 0. ``position`` is the position of the
-        sample, relative to the pixel's upper left corner, in [0, 1)².
+        of the sample's radiance. A sample whose radiance is infinite or NaN is black, and its ``luminance`` is NaN.
+        ``position`` is the position of the sample, relative to the pixel's upper left corner, in [0, 1)².
         """
         points = plan.points(x, y, t)
         # The t-th sample has the same wavelengths as its photons, even if ``points`` has another index: a shared one.
@@ -91,7 +91,7 @@ class Estimator:
         values = self.channels.values(L, ray.wavelengths, alpha)
         aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
         values = [dr.select(dr.abs(v) < DARKEST, 0, v) for v in (*values, *others, *aovs)]
-        return values, luminance(L, ray.wavelengths), position
+        return values, dr.select(finite, luminance(L, ray.wavelengths), dr.nan), position
 
     def weights(self, position: mi.Point2f, row: int | mi.Int32) -> list[mi.Float]:
         """Returns the filter weights of a sample at ``position``, for the pixels of one row around its own pixel.
@@ -126,7 +126,7 @@ class Estimator:
         values, Y, position = self.sample(replace(plan, seed=seed), x, y, t)
         if self.rfilter.is_box_filter():
             position = mi.Point2f(0.5)  # so that the positions, which nothing needs, are not stored
-        taken = values, dr.clip(Y, -brightest, brightest), position
+        taken = values, dr.select(dr.isnan(Y), Y, dr.clip(Y, -brightest, brightest)), position
         dr.eval(taken)
 
         rows = 2 * self.reach + 1
@@ -138,7 +138,9 @@ class Estimator:
             """Adds one sample to the sums of each lane."""
             values, Y, position = dr.gather(tuple, taken, first + (sums.count - begin))
             weights = self.weights(position, mi.Int32(row) - self.reach)
-            Y, in_pass = Double(Y), sums.in_pass + Double(Y)
+            lost = dr.isnan(Y)
+            Y = dr.select(lost, 0, Double(Y))
+            in_pass = sums.in_pass + Y
             last = (sums.count + 1) % n == 0
             sums = Accumulators(
                 [s + w * v for s, (w, v) in zip(sums.sums, product(weights, values))],
@@ -147,6 +149,7 @@ class Estimator:
                 sums.pass_squares + dr.select(last, dr.square(in_pass / n), 0),
                 dr.select(last, 0, in_pass),
                 sums.count + 1,
+                sums.lost + dr.select(lost, mi.UInt32(1), 0),
             )
             return (sums,)
 

@@ -140,6 +140,8 @@ class Render(Steps):
                 self.update_film()
             raise
         self.update_film()
+        if self.lost:
+            mi.Log(mi.LogLevel.Warn, f"{self.lost}.")
 
     def _take(self, request: Pass) -> Iterator[Step]:
         """Takes the samples of a pass, and yields a step after each work item."""
@@ -175,6 +177,21 @@ class Render(Steps):
     def finished(self) -> bool:
         """Whether the image has all requested samples."""
         return self.state.finished
+
+    @property
+    @alone()
+    def lost(self) -> str:
+        """How many samples so far are infinite or NaN, in words; empty if none is."""
+        state = self.state
+        lost, count = (np.array(sums)[state.own] for sums in (state.accumulators.lost, state.accumulators.count))
+        lost = state.crop(lost, state.plan.window)
+        if not lost.any():
+            return ""
+        y, x = np.unravel_index(np.argmax(lost), lost.shape)
+        return (
+            f"{lost.sum():,} of {state.crop(count, state.plan.window).sum():,} samples are infinite or NaN, and count "
+            f"as black, most of them in the pixel {x},{y}: a texture, material or lamp gives such values"
+        )
 
     @property
     def second(self) -> SecondImage | None:

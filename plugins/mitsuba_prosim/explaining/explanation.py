@@ -200,6 +200,7 @@ class Samples:
         recorder.t, recorder.recorded, recorder.channels = t, which == dr.opaque(mi.UInt32, noise.OWN), channels
         taken, luminance, _ = recorder.record(partial(estimator.sample, plans, x, y, t))
         values = [np.broadcast_to(np.array(value, np.float64), len(t)) for value in (luminance, *taken[kept])]
+        values[0] = np.nan_to_num(values[0])
         return np.split(np.stack(values, axis=1), np.cumsum([block.shape[1] for block in blocks])[:-1])
 
     def explanation(self, sample: int | None = None) -> Explanation:

@@ -150,14 +150,18 @@ def converge(
     if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
         reached = image.reached
     bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
+    lost = getattr(image.render, "lost", "")
+    why_black = not (interrupted or lost) and black.reason(
+        loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright"
+    )
+    told = why_black or verdict(image.render, image.final, interrupted, integrator)
     return Result(
         mi.TensorXf(layers["final"]) if denoise else image.render.image(),
         layers.get("error", image.render.error()),
         image.render.counts(),
         reached.noise,
         bound,
-        (None if interrupted else black.reason(loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright"))
-        or verdict(image.render, image.final, interrupted, integrator),
+        f"{told}. {lost}" if lost else told,
     )
 
 

@@ -39,7 +39,7 @@ def next_ray(
     o, throughput = si.spawn_ray(dr.detach(d)).o, ray.throughput * weight
     if context.attached:  # the small offset of the origin has no derivative
         o = dr.replace_grad(o, si.p)
-    active = active & belongs & (bs.pdf > 0) & (dr.max(throughput) > context.settings.cutoff)
+    active = but_not(active & belongs & (bs.pdf > 0), dr.max(throughput) <= context.settings.cutoff)
     result = replace(ray, o=o, d=d, throughput=throughput, pdf=dr.select(ideal, 0, bs.pdf))
     # The number of the node in a ray tree; a path replaces this number.
     result.level, result.node = ray.level + 1, ray.node * 2 + (space == REFRACTED)

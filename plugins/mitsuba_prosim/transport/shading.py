@@ -266,7 +266,7 @@ def visibility(
     """
     si = vertex.si
     if context.settings.shadows:
-        active = active & (dr.max(dr.abs(radiance)) > 0)
+        active = but_not(active, dr.max(dr.abs(radiance)) <= 0)  # NaN is light, too: it must not vanish silently
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     d = p - si.p
     return active, transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)

@@ -393,3 +393,24 @@ def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffu
             return dr.mean(mi.render(scene, params, spp=256), axis=None)  # noqa: B023
 
         assert derivative(mean, 0.6) == pytest.approx(expected, rel=0.06)
+
+
+@pytest.mark.parametrize("diffuse_bounces", [0, -1])
+def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bounces):
+    """The image of a card, seen from behind, is proportional to the radiance of the sky. The noise is 0.2 %."""
+    for glass in (
+        {"type": "roughdielectric", "alpha": 0.4, "int_ior": 1.8},
+        {"type": "principledthin", "diff_trans": 1.0, "spec_trans": 0.9, "roughness": 0.7, "eta": 1.4},
+    ):
+        scene = load_scene(
+            integrator={"type": "prosim", "diffuse_bounces": diffuse_bounces},
+            sensor=camera([0, 3, -4], [0, 0, 0], film(8), fov=10),
+            sky={"type": "constant"},
+            card={"type": "rectangle", "bsdf": glass},
+        )
+        params = mi.traverse(scene)
+        dr.enable_grad(params["sky.radiance.value"])
+        params.update()
+        image = mi.render(scene, params, spp=2000)
+        dr.forward(params["sky.radiance.value"])
+        assert np.mean(dr.grad(image)) == pytest.approx(np.mean(image), rel=0.01)

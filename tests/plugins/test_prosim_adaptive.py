@@ -181,9 +181,9 @@ def test_direct_that_brightens_point_lamps_causes_a_warning(variant_rgb, logged)
     assert dr.allclose(images[1][..., :3] / images[0][..., :3], 3)  # the fault of Mitsuba
 
 
-@pytest.mark.parametrize("nested, warned", [("plastic", True), ("roughplastic", False)])
+@pytest.mark.parametrize("nested, warned", [("plastic", True), ("roughplastic", False), ("roughdielectric", True)])
 def test_blend_that_path_renders_wrongly_causes_one_warning(variant, logged, nested, warned):
-    """Mitsuba's ``blendbsdf`` adds densities of smooth lobes to those of ideal ones."""
+    """Mitsuba's ``blendbsdf`` adds densities of smooth lobes to those of ideal ones, and counts discarded samples."""
     blend = {"type": "blendbsdf", "weight": 0.5, "a": {"type": nested}, "b": {"type": "diffuse"}}
     scene = load_scene(sensor=camera([0, 0, 4], [0, 0, 0], film(1)), card={"type": "rectangle", "bsdf": blend})
     mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}}).render(scene, spp=1)

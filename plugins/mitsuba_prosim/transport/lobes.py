@@ -33,8 +33,9 @@ GLOSSY = ("GlossyReflection", "GlossyTransmission")
 IDEAL = ("DeltaReflection", "DeltaTransmission", "Null")
 #: Names of the ``mi.BSDFFlags`` of the lobes that scatter into more than one direction.
 SMOOTH = GLOSSY + DIFFUSE
-#: Names of the ``mi.BSDFFlags`` of the smooth lobes that scatter light from behind the surface.
+#: Names of the ``mi.BSDFFlags`` of the smooth lobes that scatter light from behind the surface, and of the others.
 BOTH_SIDES = ("GlossyTransmission", "DiffuseTransmission")
+ONE_SIDE = ("GlossyReflection", "DiffuseReflection")
 
 
 def only(names: Sequence[str], context: mi.BSDFContext | None = None) -> mi.BSDFContext:

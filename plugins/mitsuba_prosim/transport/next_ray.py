@@ -20,6 +20,7 @@ from .absorption import medium_beyond
 from .lobes import LobePoint
 from .ray import Ray, Vertex
 from .transport_context import Context, direction_space
+from .workarounds import failed
 
 
 def next_ray(
@@ -82,6 +83,7 @@ def sample_direction(
     moved, jacobian = context.lights.reparameterised_ray(vertex.receiver, d, smooth)
     wo = si.to_local(moved)
     f, pdf = scattering.eval_pdf(lobe, vertex, wo, smooth)
+    belongs = but_not(belongs, failed(si, bs, weight, dr.detach(f)))
     weight = f * dr.relative_grad(jacobian) / dr.detach(dr.select(pdf > 0, pdf, 1))
     if lobes.has_any(context.flags, *lobes.IDEAL):  # sampled again, now with derivatives
         ideal_bs, ideal_weight, _ = scattering.sample(lobe, vertex, u, active & ideal, throughput)

@@ -33,7 +33,7 @@ class Scattering:
         bsdfs = all_bsdfs(scene)
         mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
         if whole and not attached:
-            mixes = any(workarounds.mixes_ideal_and_smooth(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
+            mixes = any(workarounds.mixes_wrongly(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
         self.attached = attached
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)

@@ -3,10 +3,11 @@
 ``mask``
     samples only its null lobe if the type mask lacks the null lobe. So :func:`sample` requests the null lobe, too.
 ``blendbsdf``
-    adds the density of smooth lobes to the probability of an ideal lobe, so that the image loses or gains light. So
-    :func:`sample` chooses one of the blended BSDFs itself (:func:`_sample_mixture`). It cannot do so within a
-    ``bumpmap`` or ``normalmap``: see :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal
-    lobes with respect to the blending weight; :func:`sample` adds it.
+    adds the density of smooth lobes to the probability of an ideal lobe, and takes a :func:`failed` sample of one BSDF
+    for a sample of the other, so that the image loses or gains light. So :func:`sample` chooses one of the blended
+    BSDFs itself (:func:`_sample_mixture`). It cannot do so within a ``bumpmap`` or ``normalmap``: see
+    :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending
+    weight; :func:`sample` adds it.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
     and :func:`belongs_to` assigns each sample to one lobe.
@@ -59,12 +60,13 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
             f"prosim: {', '.join(map(repr, points))} will be {times} times too bright: Mitsuba's direct multiplies the "
             "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
         )
-    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if mixes_ideal_and_smooth(mi.BSDFContext(), bsdf)]
+    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if mixes_wrongly(mi.BSDFContext(), bsdf)]
     if blends:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {', '.join(map(repr, blends))} may reflect too little or too much light: Mitsuba's blendbsdf "
-            'adds the density of smooth lobes to that of mirrors, clear glass and holes. Render with "prosim".',
+            "adds the density of smooth lobes to that of mirrors, clear glass and holes, and takes samples that one "
+            'of its BSDFs discards for samples of the other, such as rough glass. Render with "prosim".',
         )
     # ``path`` returns black if the ray has met nothing but holes; it counts a sky as something, unless it hides it.
     blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
@@ -82,14 +84,14 @@ def _is_smooth(bsdf: mi.BSDF) -> bool:
 
 
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
-    """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
+    """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that :func:`mixes_wrongly` the lobes ``lobe``."""
     maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
-    wrong = [b.id() for b in maps if any(mixes_ideal_and_smooth(requested_lobes(lobe, one), one) for one in maps[b])]
+    wrong = [b.id() for b in maps if any(mixes_wrongly(requested_lobes(lobe, one), one) for one in maps[b])]
     if wrong:
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {', '.join(map(repr, wrong))} may reflect too little or too much light: Mitsuba samples a "
-            "blendbsdf of a mirror, clear glass or a hole with another surface wrongly within a bumpmap or normalmap. "
+            "blendbsdf of a mirror, glass or a hole with another surface wrongly within a bumpmap or normalmap. "
             "Put the map into the blendbsdf, around each of its BSDFs.",
         )
 
@@ -98,10 +100,34 @@ def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
     return (one for one in all_within(bsdf) if one.class_name() == name)
 
 
-def mixes_ideal_and_smooth(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
-    """Tells whether ``bsdf`` has a ``blendbsdf`` that mixes ideal with smooth lobes of ``lobe``."""
-    flags = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
-    return any(lobes.has_any(each, *lobes.IDEAL) and lobes.has_any(each, *lobes.SMOOTH) for each in flags)
+def mixes_wrongly(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
+    """Tells whether ``bsdf`` has a ``blendbsdf`` that mixes smooth lobes of ``lobe`` with ideal ones, or whose other
+    BSDF may have a value where a sample of the first has :func:`failed`: if one transmits light, or is one-sided and
+    the other is not.
+    """
+    return any(_mixes_wrongly(lobe, one) for one in _within(bsdf, BLEND))
+
+
+def _mixes_wrongly(lobe: mi.BSDFContext, blend: mi.BSDF) -> bool:
+    flags = int(blend.flags()) & lobe.type_mask
+    if not lobes.has_any(flags, *lobes.SMOOTH):
+        return False
+    sides = {
+        mi.has_flag(one.flags(), mi.BSDFFlags.BackSide) for one in parts(blend).values() if isinstance(one, mi.BSDF)
+    }
+    return len(sides) > 1 or bool(lobes.has_any(flags, *lobes.IDEAL) or lobes.has_any(blend.flags(), *lobes.BOTH_SIDES))
+
+
+def failed(
+    si: mi.SurfaceInteraction3f, bs: mi.BSDFSample3f, weight: mi.Spectrum, value: mi.Spectrum | float
+) -> mi.Bool:
+    """Tells whether the BSDF sample ``bs`` has no ``weight`` because its direction is on the wrong side for its lobe,
+    or though the BSDF has a ``value`` there. Mitsuba's rough glass, for example, leaves such a sample its density.
+    """
+    through = mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(bs.wo) < 0
+    sides = dr.select(through, mi.UInt32(lobes.mask(*lobes.BOTH_SIDES)), lobes.mask(*lobes.ONE_SIDE))
+    kinds = bs.sampled_type & (sides | lobes.mask(*lobes.IDEAL))
+    return dr.all(mi.Spectrum(weight) == 0) & (dr.any(mi.Spectrum(value) != 0) | (kinds == 0))
 
 
 def sample(
@@ -119,7 +145,7 @@ def sample(
     blends = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
     # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative.
     lacks = attached and any(lobes.has_any(flags, *lobes.IDEAL) for flags in blends)
-    if (lacks or mixes_ideal_and_smooth(lobe, bsdf)) and bsdf.class_name() not in MAPS:
+    if (lacks or mixes_wrongly(lobe, bsdf)) and bsdf.class_name() not in MAPS:
         bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
@@ -134,8 +160,8 @@ def sample(
 def _sample_mixture(
     lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
-    """Samples one of the :func:`.leaves` of a mixture that has ideal and smooth lobes. A sample of a smooth lobe has
-    the density and the value of all leaves together.
+    """Samples one of the :func:`.leaves` of a mixture. A sample of a smooth lobe has the density and the value of all
+    leaves together.
     """
     (choice, point), begin, share = u, mi.Float(0), mi.Float(1)
     bs, weight = dr.zeros(mi.BSDFSample3f), mi.Spectrum(0)
@@ -149,6 +175,9 @@ def _sample_mixture(
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, 1, 1, lobes.mask("Null")
         else:
             one, own = sample(lobe, leaf.bsdf, leaf.si, (rest, point), chosen)
+            # Of several lobes on the same side, only the value tells.
+            value = evaluate(lobe, leaf.bsdf, leaf.si, one.wo, chosen) if is_inseparable(leaf.bsdf) else 0.0
+            one.pdf = dr.select(failed(leaf.si, one, own, value), 0, one.pdf)
             one.wo.z = dr.select(leaf.si.wi.z == si.wi.z, one.wo.z, -one.wo.z)
         bs, weight, share = dr.select(chosen, (one, own, leaf.share), (bs, weight, share))
         begin = end

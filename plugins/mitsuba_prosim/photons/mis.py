@@ -95,7 +95,7 @@ class PhotonMIS:
         ``deepest`` surfaces count, those of the photon and of the camera ray together.
         """
         ray, si = vertex.ray, vertex.si
-        active = vertex.active & lobes.has_any(vertex.bsdf.flags(), *lobes.GLOSSY) & (ray.level < self.deepest)
+        active = vertex.active & lobes.has_any(vertex.bsdf.flags(), *lobes.GLOSSY)
         active = but_not(active, vertex.inseparable | ray.light_found)
         area = self.footprint.area(si.p)
 

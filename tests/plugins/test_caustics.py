@@ -18,7 +18,7 @@ from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
 from mitsuba_prosim.transport.scattering import Scattering
-from scenes import FLAT, T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow
+from scenes import FLAT, T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow, write_square
 
 
 def view(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -432,16 +432,22 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         assert abs(by_mirror[k] / expected - 1) < (0.04 if kind in BALLS else 0.02)  # some thousand photons
 
 
-def test_a_mirror_lights_rough_metal_as_the_image_of_the_lamp_would(variant_rgb):
-    sensor, mirror = parallel(6, 0.3, (4, 3, 0), (2, 0, 0)), {"mirror": upright_mirror(0.6)}
-    images = []
-    for caustics, level, x, things in ((True, 1, 1.5, mirror), (True, 0, 1.5, mirror), (False, 1, -1.5, {})):
-        lamp = {"type": "point", "intensity": 3.0, "position": (x, 2, 0.2)}
-        world = scene(floor=ground(6, ROUGH), lamp=lamp, **things)
-        image = render(world, 1, sensor, caustics=caustics, caustic_photons=1 << 17, max_level=level)
+@pytest.mark.parametrize("bsdf, level", [(ROUGH, 1), ({"type": "diffuse"}, 0)], ids=["rough metal", "diffuse"])
+def test_a_mirror_lights_a_floor_as_another_sun_would(variant_rgb, tmp_path, bsdf, level):
+    """Vertex normals are tilted against the facets: those of the mirror down, those of the floor to the mirror."""
+    sensor, sun, n = parallel(6, 0.3, (3.2, 3, 0), (1.2, 0, 0)), np.array([-2, -0.8, -0.1]), np.array([0.985, -0.174, 0])
+    normals = [np.tile(normal, 4) for normal in ((0, -0.174, 0.985), (-0.26, 0, 0.966))]
+    mirror, floor = (write_square(tmp_path / f"{k}.ply", normals=normal) for k, normal in enumerate(normals))
+    upright = T().translate([0, 1.1, 0.1]).rotate([0, 1, 0], 90).scale(0.6)
+    mirror = {"mirror": mirror | {"to_world": upright, "bsdf": {"type": "conductor", "material": "none"}}}
+    floor |= {"to_world": T().rotate([1, 0, 0], -90).scale(6), "bsdf": bsdf}
+    images, met = [], sun - 2 * (sun @ n) * n
+    # Level 0 has no light of two specular surfaces, the mirror and rough metal.
+    for caustics, most, d, things in ((True, level, sun, mirror), (level > 0, 0, sun, mirror), (False, 0, met, {})):
+        world = scene(floor=floor, lamp={"type": "directional", "direction": d.tolist()}, **things)
+        image = render(world, 1, sensor, caustics=caustics, caustic_photons=1 << 17, max_level=most)
         images.append(image.mean(axis=(0, 1)))
-    # Some thousand photons; with the mirror and the metal they have met two surfaces, one more than level 0 allows.
-    assert np.allclose(images[0] - images[1], images[2], rtol=0.02)
+    assert np.allclose(images[0] - images[1], images[2], rtol=0.02)  # some thousand photons
 
 
 def compared(ours, theirs, mask):

@@ -41,12 +41,16 @@ SOLID block - CUBE 1 SPHERE 9
 CSG-TREE
  {tree}
 SURFACE 1 SURFACE 2 SURFACE 3 material dielectric bk7 SURFACE 4 SURFACE 5 SURFACE 9
+SURFACE 7
+SURFACE 8 material dielectric bk7
 TRANSFORM 1 TRANSLATE -.5 -.5 -.5 SCALE 4 4 4 {move}
 TRANSFORM 2 TRANSLATE -.5 -.5 -.5 SCALE 3 3 3 {move}
 TRANSFORM 3 TRANSLATE -.5 -.5 -.5 SCALE 4 4 4 {move}
 TRANSFORM 4 SCALE 2 2 -3 TRANSLATE 0 0 2 {move}
 TRANSFORM 5 SCALE 2 2 2 {move}
 TRANSFORM 6
+TRANSFORM 7 SCALE .5 .5 .5 TRANSLATE -1 -1 -1 {move}
+TRANSFORM 8 SCALE .5 .5 .5 TRANSLATE .8 .8 .8 {move}
 TRANSFORM 9 TRANSLATE 50 50 50
 END
 """
@@ -102,6 +106,9 @@ def test_each_light_is_named(told):
         ("- CUBE 1 CUBE 2", "0 0 99", True),
         ("+ - CUBE 1 CUBE 2 CUBE 3", "0 0 99", True),  # glass in the room
         ("- CUBE 1 CUBE 2", "0 1 1", False),  # the eye is in the room, too
+        ("+ - CUBE 1 CUBE 2 CUBE 8", "0 1 1", False),  # and the light in glass
+        ("- - CUBE 1 CUBE 7 CUBE 8", "-.8 -.8 -.8", True),  # the eye is in another room
+        ("- CUBE 1 CUBE 2\nDO-SHADOW: no", "0 0 99", False),
         ("- - CUBE 1 CUBE 2 CYLINDER 4", "0 0 99", False),  # the room is open
         ("CUBE 3", "0 0 99", False),  # glass
     ],

@@ -45,7 +45,7 @@ def warn_of_enclosure(
             around_eye = inside[:, 0]
         elif document.scene.shadows and (inside.all(axis=1) & ~around_eye).any():
             hollow.append((path, name, world_points[0]))
-    walls = [part for part in _parts(boundary()) if part.volume() < 0] if hollow else []
+    walls = _parts(boundary()) if hollow else []
     meshes = [(mesh.vert_properties, mesh.tri_verts) for mesh in (wall.to_mesh64() for wall in walls)]
     for path, name, point in hollow:
         for vertices, triangles in meshes:

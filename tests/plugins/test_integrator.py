@@ -458,8 +458,9 @@ def test_progress_and_cancel(variant_rgb):
 
 
 def test_a_scene_without_light_or_with_light_in_a_closed_box_is_black(variant_rgb):
-    box = {"type": "cube", "to_world": T().translate([-3, 3.5, 3]).scale(0.8)}
-    for scene in (penumbra(type="prosim") | {"box": box}, without(penumbra(COPPER, type="prosim"), "light")):
+    box, room = ({"type": "cube", "to_world": T().translate([-3, 3.5, 3]).scale(size)} for size in (0.8, 30))
+    dark = without(penumbra(COPPER, type="prosim"), "light")
+    for scene in (penumbra(type="prosim") | {"box": box}, dark, dark | {"room": room, "sky": {"type": "constant"}}):
         assert np.array_equal(np.unique(render(scene)), [0])
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.compat import take_back_interrupts
+from mitsuba_prosim.engine.error_target import ErrorTarget
 from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import bright_part, sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
@@ -242,6 +243,22 @@ def test_an_abandoned_render_does_not_disturb_frozen_functions(variant_rgb):
 
 
 # ------------------------------------------------------------------ noise and time
+
+
+@pytest.mark.parametrize("noise, excess", [((2, 3, 2.3), 2.3), ((2, 3, 2.5), 2), ((2, 9, 2.3), 3), ((1, 1, 1e200), 1)])
+def test_bound_of_the_error_counts_unless_few_pixels_have_most_of_it(noise, excess):
+    """With the limits 1 of the error, and 3 of the errors of 99 % of the pixels."""
+    assert ErrorTarget((1, 3), 0, 0).excess(noise) == excess
+    assert np.isnan(ErrorTarget((0, 0), 9, 0).excess(noise)) and ErrorTarget((1, 0), 0, 0).excess([1e200] * 3) == 1e100
+
+
+@pytest.mark.parametrize(
+    "passed, left, done, is_up", [(20, 50, 0.5, False), (69.5, 0.5, 0.995, True), (90, -20, 1, True)]
+)
+def test_time_limit_reserves_what_the_denoiser_needs(passed, left, done, is_up):
+    target = ErrorTarget((0, 0), 100, time.perf_counter() - passed, reserved=30)
+    assert (target.seconds_left, target.progress(0.1)) == pytest.approx((left, done), abs=0.1)
+    assert target.time_is_up == is_up and target.progress(0.1) <= 1 and target.item_seconds >= 0.01
 
 
 @pytest.mark.slow

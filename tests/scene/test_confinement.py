@@ -11,7 +11,7 @@ import prosim_scene
 import pytest
 from mitsuba_prosim.compat import LIBRARIES
 from mitsuba_prosim.scene import session
-from mitsuba_prosim.scene.confinement import MAX_INCLUDES, OutsideError, elements
+from mitsuba_prosim.scene.confinement import MAX_DEPTH, MAX_INCLUDES, OutsideError, elements
 from mitsuba_prosim.scene.scene_file import SceneFile
 
 INCLUDE, DEFAULT = '<include filename="{}"/>', '<default name="{}" value="{}"/>'
@@ -20,7 +20,7 @@ STRING = '<shape type="ply">\n  <string name="filename" value="{}"/></shape>'
 METAL = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
 HERE = '<scene version="3.0.0">\n{}</scene>'
 
-#: What a scene names, with OUT for the absolute path of the folder around its own, where the command is given.
+#: What a scene names, with OUT for the absolute path of the folder around its own.
 OUTSIDE = {
     **{
         f"{path}{end}": form.format(f"{path}{end}")
@@ -46,17 +46,19 @@ OUTSIDE = {
     "a parameter of the command": INCLUDE.format("$x.xml"),
     "a parameter of what is included": INCLUDE.format("parts/default.xml") + INCLUDE.format("$up/secret.xml"),
     "a mesh that is not there": STRING.format("../none.ply"),
+    "a mesh that is a folder": STRING.format(".."),
+    "a mesh where the command is given": STRING.format(f"secret{LIBRARIES[0]}"),
     "a metal": METAL.format("../../../secret"),
     "a metal by a link": METAL.format("link"),
     "a name that no plugin here has": '<shape type="sphere"><string name="picture" value="../secret.ply"/></shape>',
     "a plugin": '<shape type="../../secret"/>',
-    "a plugin from the folder where the command is given": '<shape type="secret"/>',
+    "a plugin from the folder where Mitsuba is imported": '<shape type="secret"/>',
 }
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The folder of a scene in another, which has secrets, and where the command is given."""
+    """The folder of a scene in another, which has secrets, beside the folder where the command is given."""
     folder = tmp_path / "scene"
     for name in ("parts", "data/ior"):
         (folder / name).mkdir(parents=True)
@@ -74,7 +76,7 @@ def folder(tmp_path, monkeypatch):
     (folder / "parts" / "above.xml").write_text(HERE.format(INCLUDE.format("../../secret.xml")))
     (folder / "parts" / "default.xml").write_text(HERE.format('<default name="up" value=".."/>'))
     (folder / "parts" / "beside.xml").write_text(HERE.format(INCLUDE.format("../good.xml")))
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(tmp_path / "plugins")
     with session.search_path([tmp_path]):  # Mitsuba prepends the folder in which it is imported
         yield folder
 
@@ -96,7 +98,7 @@ def test_files_outside_are_refused(variant_rgb, folder, way):
 
 def test_files_within_and_those_of_mitsuba_are_read(variant_rgb, folder):
     """As without a confinement; what is not there is missed by Mitsuba, in its own words."""
-    (folder.parent / "rgb").mkdir()  # a word of Mitsuba's, where the command is given
+    (folder.parent / "rgb").mkdir()  # a word of Mitsuba's, where it is imported
     (folder / "again.ply").symlink_to(folder / "good.ply")
     film = '<film type="hdrfilm"><string name="pixel_format" value="rgb"/></film>'
     for text in (
@@ -199,7 +201,7 @@ def test_mitsuba_reads_each_accepted_document_alike(variant_rgb, tmp_path):
         b"<?p ?>" + HERE.format("").encode(),
         HERE.format("<!-- -- -->").encode(),
         HERE.format("\0").encode(),
-        HERE.format("<bsdf type='twosided'>" * 100_000 + "</bsdf>" * 100_000).encode(),
+        HERE.format("<bsdf type='twosided'>" * MAX_DEPTH + "</bsdf>" * MAX_DEPTH).encode(),
     ],
 )  # fmt: skip
 def test_text_that_parsers_may_read_differently_is_refused(variant_rgb, folder, text):
@@ -208,7 +210,7 @@ def test_text_that_parsers_may_read_differently_is_refused(variant_rgb, folder, 
 
 
 def test_unlimited_includes_and_pipes_are_refused(variant_rgb, folder):
-    with pytest.raises(OutsideError, match=f"more than {MAX_INCLUDES} files"):
+    with pytest.raises(OutsideError, match=rf"\(line 2, col 2\): the scene includes more than {MAX_INCLUDES} files"):
         opened(folder, 2 * INCLUDE.format("scene.xml"))
     os.mkfifo(folder / "pipe.xml")
     for form in (INCLUDE, SPECTRUM, STRING):

@@ -23,7 +23,7 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
     "arguments, says",
     [
         ("--resolution 40", "not of the form WxH, such as 640x480"),
-        ("--resolution 0x4", "1 to 65536 pixels a side"),
+        *((f"--resolution {size}", "1 to 65536 pixels a side") for size in ("0x4", "65537x1", "32768x8193")),
         ("--crop 1,2,3", "not of the form X,Y,W,H"),
         ("--crop 12,0,1,1", "window 12,0,1,1 is not within the image of 12x8 pixels"),
         ("--samples 2", "Any of --noise, --noise-99, --time, --max-samples, --adaptive puts one of them"),

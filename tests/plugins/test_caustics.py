@@ -269,6 +269,11 @@ def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb
     assert np.all(met.reshape(-1, 2 * n).sum(axis=1) > n / 8)
     assert np.mean(np.abs(found[met] / expected[met] - 1) < 5e-3) > 0.99  # some lines graze what they are aimed at
     assert not found[~met].any()
+    # In the middle between both balls: the one behind gets no photons from there.
+    (a, b), radius, targets = np.array(sources.targets.centers).T, np.array(sources.targets.radii)[1], sources.targets
+    distance = np.linalg.norm(b - a) / 2
+    part = targets.density(mi.Point3f((a + b) / 2), mi.Vector3f((b - a) / 2 / distance), False, True)[0]
+    assert part * 2 * np.pi * (1 - np.sqrt(1 - (radius / distance) ** 2)) == pytest.approx(1, rel=1e-5)
     cube = mi.load_dict({"type": "cube", "to_world": T().scale(2)})
     assert bounding_sphere(cube)[3] == pytest.approx(MARGIN * 12**0.5)
 

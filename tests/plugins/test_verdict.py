@@ -1,6 +1,8 @@
 """The verdict on a render names the cause of a fault."""
 
+import re
 import time
+from types import SimpleNamespace
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
-from mitsuba_prosim.explaining.verdict import verdict
+from mitsuba_prosim.explaining.verdict import denoised_words, verdict
 from scenes import T, area, camera, diffuse, film, rgb
 
 PATH = {"type": "path", "max_depth": 6}
@@ -128,12 +130,31 @@ def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
 
 
-@pytest.mark.parametrize("seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (-9, 1.1, False)])
+@pytest.mark.parametrize(
+    "seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (1.05, 9.4, False), (-9, 1.1, False)]
+)
 def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, compiled, told):
     made = mi.load_dict(scene({"type": "prosim_adaptive", "nested": PATH, "time": 1.0, "max_samples": 2}, **panel()))
     late = made.integrator().progressive(made, made.sensors()[0]).run()
     late.target.started, late.executor.launching = time.perf_counter() - seconds, compiled
     assert (f"Kernels were compiled for {compiled} s" in verdict(late)) == told
+
+
+@pytest.mark.parametrize(
+    "noise, bound, says",
+    [
+        (0.01, 0.05, "at most 0.05"),
+        (0.04, 0.05, "about 0.04, raw 0.1, uncertain: .* 0.05"),
+        (0.048, 0.05, "about 0.048"),
+    ],
+)
+def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb, noise, bound, says):
+    sensor, halves = mi.load_dict(camera([0, 0, 1], [0, 0, 0], film(1))), [0]
+    result = SimpleNamespace(noise=noise, at_most=bound, raw_noise=0.1)
+    final = SimpleNamespace(why_raw=None, denoised=lambda: result, render=SimpleNamespace(half_images=lambda: halves))
+    final.denoiser = SimpleNamespace(sensor=sensor)
+    words = denoised_words(final)
+    assert re.fullmatch(f"denoised: error {says}(, raw 0.1)?", words) and denoised_words(final, True) != words
 
 
 def test_good_image_has_no_cause(variant_rgb):

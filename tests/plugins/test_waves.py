@@ -19,7 +19,7 @@ from mitsuba_prosim.engine.error_target import ErrorTarget
 from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import bright_part, sees_tiny_lamp
 from mitsuba_prosim.engine.work import Executor
-from mitsuba_prosim.explaining.verdict import verdict
+from mitsuba_prosim.explaining.verdict import end_cause, verdict
 from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
@@ -307,8 +307,9 @@ def test_the_noise_that_is_asked_for_is_reached(variant_rgb, ball, nested, asked
 @pytest.mark.parametrize("adaptive", ["none", "neighbours", "graded"])
 def test_noise_says_what_it_reached_and_ends_at_the_most_samples(variant_rgb, adaptive):
     assert 0 < reached(loaded(COPPER, adaptive=adaptive, noise=0.02)).noise <= 0.02
-    scene = loaded(COPPER, adaptive=adaptive, noise=1e-6, max_samples=60, aovs="samples")
-    assert reached(scene).noise > 1e-6
+    scene = loaded(COPPER, adaptive=adaptive, noise=1e-6, time=1e3, max_samples=60, aovs="samples")
+    far = scene.integrator().progressive(scene).run()
+    assert far.reached.noise > 1e-6 and end_cause(far) == "samples"
     assert np.rint(np.array(scene.sensors()[0].film().develop())[..., -1]).max() == 60
 
 

@@ -191,6 +191,31 @@ def change_of(scene, name):
 TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
 
 
+@pytest.mark.parametrize(
+    "settings, key",
+    [
+        (TREE, "lamp.emitter.radiance.value"),
+        (PATH, "lamp.emitter.radiance.value"),
+        (TREE, "floor.bsdf.reflectance.value"),
+    ],
+)
+def test_derivatives_by_colours_that_are_black(variant_rgb, settings, key):
+    """The image is linear in the colour, so its derivative is the image of white: of the same samples, also at 0, where
+    an optimiser that may not go below it would stay.
+    """
+    scene = spot("sphere", "diffuse", **settings)
+
+    def change(params, e):
+        params[key] = type(params[key])(e)
+
+    forward, backward = derivatives(scene, change)
+    change(params := mi.traverse(scene), 1)
+    params.update()
+    image = mi.render(scene, seed=2, spp=16)
+    assert forward == pytest.approx(np.array(image), rel=1e-4) and np.all(forward > 0)
+    assert backward == pytest.approx(weighted_mean(image).array[0], rel=1e-4)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind, floor, change, settings",

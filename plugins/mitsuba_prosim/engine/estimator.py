@@ -90,7 +90,8 @@ class Estimator:
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         values = self.channels.values(L, ray.wavelengths, alpha)
         aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
-        values = [dr.select(dr.abs(v) < DARKEST, 0, v) for v in (*values, *others, *aovs)]
+        # The derivative stays: that by the colour of something black is not 0.
+        values = [dr.replace_grad(dr.select(dr.abs(v) < DARKEST, 0, v), v) for v in (*values, *others, *aovs)]
         return values, dr.select(finite, luminance(L, ray.wavelengths), dr.nan), position
 
     def weights(self, position: mi.Point2f, row: int | mi.Int32) -> list[mi.Float]:

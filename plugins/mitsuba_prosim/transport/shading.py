@@ -262,11 +262,12 @@ def visibility(
 ) -> tuple[mi.Bool, mi.UnpolarizedSpectrum | float]:
     """Returns ``(active, transmitted)``: the active lanes in which the point ``p`` is visible from ``vertex`` (always
     if the integrator casts no ``shadows``), and the transmittance in between. A shadow ray is traced only where
-    ``radiance``, which ``vertex`` would scatter from ``p``, is not 0.
+    ``radiance``, which ``vertex`` would scatter from ``p``, is not 0, or may have derivatives.
     """
     si = vertex.si
     if context.settings.shadows:
-        active = but_not(active, dr.max(dr.abs(radiance)) <= 0)  # NaN is light, too: it must not vanish silently
+        if not context.attached:
+            active = but_not(active, dr.max(dr.abs(radiance)) <= 0)  # NaN is light, too: it must not vanish silently
         active = but_not(active, context.scene.ray_test(si.spawn_ray_to(p), active))
     d = p - si.p
     return active, transmittance(medium_beyond(si, vertex.ray.medium, d, active), si.wavelengths, dr.norm(d), active)

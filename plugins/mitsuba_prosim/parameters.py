@@ -6,11 +6,16 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, isfinite
+from numbers import Real
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
 from .compat import description
+
+#: Greatest seed and number of samples.
+MOST = (1 << 32) - 1
 
 
 def reject(props: mi.Properties, name: str, value: Any, allowed: str) -> ValueError:
@@ -42,7 +47,7 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
     """
     value = props.get(name, default)
     top = inf if high is None else high
-    if not _is_number(value) or not low <= value <= top or not isfinite(value) or value != int(value):
+    if not _is_whole(value, low, top):
         raise reject(props, name, value, "a whole number" + _bounds(low, top, False))
     return int(value)
 
@@ -72,17 +77,58 @@ def check_unpolarized(name: str) -> None:
         )
 
 
-def check_positive(name: str, value: float) -> float:
-    """Returns the argument ``name`` of a function; raises ValueError unless it is a finite number above 0."""
-    if not _is_number(value) or not 0 < value < inf:
+def check_limit(name: str, value: float | None) -> float:
+    """Returns the argument ``name`` of a function, a limit; 0 for None and False, without a limit. Raises ValueError
+    unless it is a finite number of at least 0.
+    """
+    if value is None or value is False:
+        return 0.0
+    if not _is_number(value) or not 0 <= value < inf:
         raise ValueError(f"{name} is {value!r}; allowed: a number > 0")
     return float(value)
 
 
-def check_samples(sensor: mi.Sensor, spp: int) -> None:
-    """Raises ValueError if ``spp`` is negative, or is 0 and the sampler of ``sensor`` has no samples either."""
-    if spp < 0 or not (spp or sensor.sampler().sample_count()):
-        raise ValueError(f"{spp or 'sample_count = 0'} samples per pixel; give 1 or more")
+def check_whole(name: str, value: int | None) -> int:
+    """Returns the argument ``name`` of a function as an integer, 0 for None; raises ValueError unless it is a whole
+    number from 0 to 2^32 - 1, such as ``np.int64(4)`` or 4.0.
+    """
+    if value is None:
+        return 0
+    if not _is_whole(value, 0, MOST):
+        raise ValueError(f"{name} is {value!r}; allowed: a whole number from 0 to {MOST}")
+    return int(value)
+
+
+def check_seed(seed: int | mi.UInt32) -> int | mi.UInt32:
+    """Returns ``seed``, an array or a whole number; raises the errors of :func:`check_whole` for another one."""
+    return seed if isinstance(seed, dr.ArrayBase) else check_whole("seed", seed)
+
+
+def check_samples(sensor: mi.Sensor, spp: int) -> int:
+    """Returns ``spp`` as an integer. Raises the errors of :func:`check_whole`, and ValueError if ``spp`` and the number
+    of samples of the sampler of ``sensor`` are 0.
+    """
+    if not (found := check_whole("spp", spp)) and not sensor.sampler().sample_count():
+        raise ValueError("sample_count = 0 samples per pixel; give 1 or more")
+    return found
+
+
+def pick_sensor(scene: mi.Scene, sensor: int | mi.Sensor) -> mi.Sensor:
+    """Returns ``sensor``, or the sensor with this index. The messages begin with those of Mitsuba's own command
+    ``mitsuba``.
+
+    Raises TypeError if ``scene`` is not a scene, and ValueError if it has no sensor with this index.
+    """
+    if not isinstance(scene, mi.Scene):
+        raise TypeError("Root element of the input file must be a <scene> tag!")
+    if isinstance(sensor, mi.Sensor):
+        return sensor
+    sensors = scene.sensors()
+    if not sensors:
+        raise ValueError("No sensor specified for scene; add the element <sensor>, which is the camera.")
+    if not _is_whole(sensor, 0, len(sensors) - 1):
+        raise ValueError(f"Specified sensor index is out of bounds! The scene has sensors 0 to {len(sensors) - 1}.")
+    return sensors[int(sensor)]
 
 
 def from_text(text: str) -> Any:
@@ -112,7 +158,11 @@ def nested_integrator(props: mi.Properties) -> mi.SamplingIntegrator:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, Real) and not isinstance(value, bool)  # also a number of NumPy
+
+
+def _is_whole(value: Any, low: float, high: float) -> bool:
+    return _is_number(value) and low <= value <= high and isfinite(value) and value == int(value)
 
 
 def _bounds(low: float, high: float, open_below: bool) -> str:

@@ -78,13 +78,34 @@ def test_progress_decreases_where_rare_bright_samples_raise_the_error(variant_rg
         ({"spp": 4, "noise": 0.1}, "leave it out with noise and time"),
         ({"noise": -1}, "noise is -1; allowed: a number > 0"),
         ({"time": float("nan")}, "time is nan"),
-        ({"spp": -3}, "-3 samples per pixel"),
+        ({"noise": "0.1"}, "noise is '0.1'; allowed: a number > 0"),
+        ({"spp": -3}, "spp is -3; allowed: a whole number from 0 to 4294967295"),
+        ({"spp": 2.5}, "spp is 2.5"),
+        ({"spp": 2, "seed": -1}, "seed is -1"),
+        ({"spp": 2, "seed": 1.5}, "seed is 1.5"),
         ({"sensor": 5}, "sensor index is out of bounds"),
+        ({"sensor": "camera"}, "sensor index is out of bounds"),
     ],
 )
 def test_wrong_arguments_are_named(variant_rgb, arguments, says):
     with pytest.raises(ValueError, match=says):
         mitsuba_prosim.render(scene(), progress=False, **arguments)
+
+
+def test_numbers_of_numpy_and_whole_floats_are_numbers(variant_rgb):
+    loaded = mi.load_dict(scene({"type": "prosim"}))
+    integrator, camera = loaded.integrator(), loaded.sensors()[0]
+    image = np.array(mitsuba_prosim.render(loaded, spp=4, seed=3, progress=False))
+    how = {"spp": np.uint8(4), "seed": np.uint8(3), "sensor": np.int64(0)}
+    for same in (
+        mitsuba_prosim.render(loaded, progress=False, **how),
+        mitsuba_prosim.render(loaded, spp=4.0, seed=3.0, sensor=camera, noise=None, progress=False),
+        integrator.render(loaded, **how),
+    ):
+        assert np.array_equal(np.array(same), image)
+    expected = mitsuba_prosim.explain(loaded, (3, 4), spp=4, seed=3)
+    assert mitsuba_prosim.explain(loaded, np.array([3.0, 4.0]), **how).values == expected.values
+    assert mitsuba_prosim.render(loaded, noise=np.float32(0.5), progress=False).noise < 0.5
 
 
 def test_dictionary_that_would_end_mitsuba_is_refused(variant_rgb):

@@ -160,7 +160,7 @@ def test_images_without_samples_are_refused(variant, integrator):
     scene = penumbra(size=4)
     scene["sensor"]["sampler"] = {"type": "independent", "sample_count": 0}
     scene, integrator = mi.load_dict(scene), mi.load_dict(integrator)
-    with pytest.raises(ValueError, match="-3 samples per pixel; give 1 or more"):
+    with pytest.raises(ValueError, match="spp is -3; allowed: a whole number from 0"):
         integrator.render(scene, spp=-3)
     nested = getattr(integrator, "nested", None)
     if variant == "scalar_rgb" or not any(hasattr(each, "progressive") for each in (integrator, nested)):

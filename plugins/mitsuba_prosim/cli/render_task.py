@@ -28,6 +28,7 @@ from ..engine.error_target import SHARE
 from ..engine.plan import TARGETS
 from ..engine.render import Reached
 from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
+from ..parameters import pick_sensor
 from ..scene import black, images, rendering, scene_file, session
 from . import files
 from .job import Job, refuse_scalar
@@ -64,7 +65,7 @@ class RenderTask:
     @cached_property
     def sensor(self) -> mi.Sensor:
         """The sensor that the job selects by a number; raises ValueError if the scene has no such sensor."""
-        return scene_file.pick_sensor(self.scene, self.job.sensor)
+        return pick_sensor(self.scene, self.job.sensor)
 
     @property
     def integrator(self) -> Any:

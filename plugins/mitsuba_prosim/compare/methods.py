@@ -14,7 +14,7 @@ import numpy as np
 
 from ..compat import PLACE
 from ..optics import nested
-from ..parameters import from_text
+from ..parameters import from_text, pick_sensor
 from ..registry import create
 from ..scene import rendering, scene_file
 from ..scene.session import message
@@ -77,7 +77,7 @@ class ComparedScene:
 
     def __init__(self, file: scene_file.SceneFile) -> None:
         self.file, self.scene = file, file.load()
-        self._sensors: dict[str | None, mi.Sensor] = {None: scene_file.pick_sensor(self.scene, 0)}
+        self._sensors: dict[str | None, mi.Sensor] = {None: pick_sensor(self.scene, 0)}
         textures = {name: getattr(self.scene.integrator(), name, None) for name in ("ambient", "background")}
         #: The ambient term and the background of the scene's ``prosim`` integrator, without missing ones.
         self.textures = {name: texture for name, texture in textures.items() if texture is not None}

@@ -12,6 +12,7 @@ import numpy as np
 from ..engine.error_target import mean
 from ..engine.film import put
 from ..engine.render import Render
+from ..parameters import check_seed, check_whole, pick_sensor
 from ..scene import rendering
 from ..scene.channels import of_channels, planes
 from ..transport.transport import RAYS_PER_PATH
@@ -58,8 +59,7 @@ def denoised_progressive(
 
     ``options`` are passed to :func:`.rendering.progressive`. Raises ValueError for films that store no colours.
     """
-    if isinstance(sensor, int):
-        sensor = scene.sensors()[sensor]
+    sensor, seed, spp = pick_sensor(scene, sensor), check_seed(seed), check_whole("spp", spp)
     check(sensor.film())
     hide_emitters, limit, targets = getattr(integrator, "hide_emitters", False), 0.0, False
     if not spp and rendering.is_progressive(integrator):

@@ -11,7 +11,17 @@ import mitsuba as mi
 
 from ..alone import alone
 from ..compat import take_back_interrupts
-from ..parameters import check_samples, check_unpolarized, choice, describe, number, reject, whole
+from ..parameters import (
+    check_samples,
+    check_unpolarized,
+    check_whole,
+    choice,
+    describe,
+    number,
+    pick_sensor,
+    reject,
+    whole,
+)
 from ..sampling.nrook import JITTERS
 from .channels import Channels, aov_values, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
@@ -184,9 +194,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 f"{self.name}: can't render within a function that dr.freeze records, because the number of "
                 "samples depends on the image; render outside of that function."
             )
-        if isinstance(sensor, int):
-            sensor = scene.sensors()[sensor]
-        check_samples(sensor, spp or 1)  # the sampler is not used
+        sensor, spp = pick_sensor(scene, sensor), check_whole("spp", spp)
         sampling, in_halves = self.sampling, measure is not None
         if spp:
             spp = spp // 2 if in_halves else spp
@@ -235,7 +243,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             return super().render(scene, sensor, seed, spp, *arguments)
         if self.sampling.has_target:
             mi.Log(mi.LogLevel.Warn, f"{self.name}: scalar variants ignore noise and time; use an llvm variant.")
-        chosen = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+        chosen = pick_sensor(scene, sensor)
         check_samples(chosen, spp)
         self._scalar = self.transport(scene, chosen)
         try:

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import dr_array
+from ..parameters import check_seed
 from ..sampling.nrook import NRook, Permutations, grid_size, pixel_key
 from ..sampling.sobol import Sobol, z_curve
 
@@ -144,7 +145,7 @@ class Plan:
         reach = film.rfilter().border_size()
         border = reach if film.sample_border() else 0
         window, domain = (x, y, x + w, y + h), (-border, -border, width + border, height + border)
-        seed = mi.UInt32(seed)
+        seed = mi.UInt32(check_seed(seed))
         dr.make_opaque(seed)  # a constant seed would be a part of the kernel
         least = min(least, highest)
         # Pixels that share one sequence have dependent samples. A policy that decides by neighbours needs independent

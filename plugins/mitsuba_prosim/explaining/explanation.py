@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from html import escape
+from numbers import Real
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,9 +24,10 @@ from ..compat import PLACE, denormals_rounded, description, dr_array
 from ..engine.camera import coarse_film, is_perspective, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
+from ..parameters import check_whole, pick_sensor
 from ..registry import PLUGINS, create
 from ..scene.black import depth_limit
-from ..scene.scene_file import SceneFile, pick_sensor, require_scene
+from ..scene.scene_file import SceneFile, require_scene
 from . import explanation_page, noise
 from .recorder import Node, Numbers, Places, Recorder
 
@@ -132,12 +134,16 @@ class Samples:
         """Takes all samples of a pixel; ``names`` are the file's :func:`places`. Errors: those of :func:`explain`."""
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError("explain: scalar variants record no rays; use an llvm or cuda variant.")
-        camera = sensor if isinstance(sensor, mi.Sensor) else pick_sensor(scene, sensor)
-        film, self.pixel, self.notes = camera.film(), pixel, list[str]()
-        (w, h), (x, y), (left, top) = map(int, film.crop_size()), pixel, map(int, film.crop_offset())
-        if not (0 <= x < w and 0 <= y < h):
-            raise ValueError(f"the pixel {x},{y} is outside the image, whose pixels are 0,0 to {w - 1},{h - 1}")
-        if not 0 <= spp <= MOST_SAMPLES:
+        camera, spp = pick_sensor(scene, sensor), check_whole("spp", spp)
+        film, self.notes = camera.film(), list[str]()
+        (w, h), (left, top) = map(int, film.crop_size()), map(int, film.crop_offset())
+        if np.shape(pixel) != (2,) or not all(isinstance(value, Real) for value in pixel):
+            raise ValueError(f"pixel is {pixel!r}; give its column and row, such as (120, 80)")
+        if not all(0 <= value < size and value == int(value) for value, size in zip(pixel, (w, h))):
+            place = ",".join(map(str, pixel))
+            raise ValueError(f"the pixel {place} is outside the image, whose pixels are 0,0 to {w - 1},{h - 1}")
+        self.pixel = x, y = int(pixel[0]), int(pixel[1])
+        if spp > MOST_SAMPLES:
             raise ValueError(f"spp is {spp}; give a number from 1 to {MOST_SAMPLES}, or 0 for the integrator's own")
         self.integrator = integrator = explained_integrator(integrator or scene.integrator(), self.notes)
         if not film.rfilter().is_box_filter():
@@ -206,9 +212,8 @@ class Samples:
     def explanation(self, sample: int | None = None) -> Explanation:
         """Returns the explanation of the pixel with the nodes of one sample; the default is the brightest sample."""
         count = len(self.values)
-        if sample is None:
-            sample = int(np.argmax(self.values.sum(axis=1)))
-        if not 0 <= sample < count:
+        sample = int(np.argmax(self.values.sum(axis=1))) if sample is None else check_whole("sample", sample)
+        if sample >= count:
             raise ValueError(f"the sample {sample} does not exist; the pixel has the samples 0 to {count - 1}")
         values, mean = tuple(map(tuple, self.values.tolist())), tuple(self.values.mean(axis=0).tolist())
         nodes, notes = self.recorder.nodes(sample), list(self.notes)

@@ -9,7 +9,7 @@ import mitsuba as mi
 from ..alone import alone, alone_if_traced
 from ..compat import take_back_interrupts
 from ..engine.channels import to_rgb
-from ..parameters import check_samples, check_unpolarized, describe
+from ..parameters import check_samples, check_unpolarized, describe, pick_sensor
 from ..registry import plugin
 from ..transport import features
 
@@ -63,7 +63,7 @@ class ProsimFeatures(mi.SamplingIntegrator):
         **more: Any,
     ) -> mi.TensorXf:
         """Renders the albedo and the normals; no other thread renders with this package at the same time."""
-        check_samples(scene.sensors()[sensor] if isinstance(sensor, int) else sensor, spp)
+        check_samples(pick_sensor(scene, sensor), spp)
         with alone():  # all renders share the film
             try:
                 return super().render(scene, sensor, seed, spp, *arguments, **more)

@@ -9,7 +9,8 @@ import numpy as np
 from .. import compat, registry
 from ..explaining.explanation import places
 from ..explaining.recorder import shape_names
-from ..scene.scene_file import SceneFile, pick_sensor
+from ..parameters import pick_sensor
+from ..scene.scene_file import SceneFile
 from .orbit_camera import Camera, as_view, as_xml, nearest_axis
 
 

@@ -20,10 +20,10 @@ from tqdm.auto import tqdm
 
 from .. import atomic
 from ..explaining.verdict import verdict
-from ..parameters import check_positive
+from ..parameters import check_limit, check_whole, pick_sensor
 from ..registry import create
 from ..scene import black, rendering
-from ..scene.scene_file import SceneFile, check_parameters, pick_sensor, require_scene
+from ..scene.scene_file import SceneFile, check_parameters, require_scene
 from .progressive_image import ProgressiveImage, as_png, colours
 
 #: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
@@ -128,16 +128,17 @@ def converge(
     """Does what :func:`render` does for ``caller``. After each work item, ``follow`` gets the image, and whether it
     should be drawn now; the render ends early if it returns true.
     """
-    if spp and (noise or time):
+    given = {"noise": noise, "time": time}
+    limits = {name: limit for name, value in given.items() if (limit := check_limit(name, value))}
+    if (spp := check_whole("spp", spp)) and limits:
         raise ValueError(f"{caller}: spp gives each pixel exactly so many samples; leave it out with noise and time")
-    limits = {name: check_positive(name, value) for name, value in (("noise", noise), ("time", time)) if value}
     loaded = load(caller, scene)
     integrator: Any = loaded.integrator() or create("path")
     if "denoised.R" in integrator.aov_names():  # prosim_denoised
         integrator, denoise = integrator.nested, True
     if limits:
         integrator = rendering.with_targets(integrator, loaded)
-    sensor = pick_sensor(loaded, sensor) if isinstance(sensor, int) else sensor
+    sensor = pick_sensor(loaded, sensor)
     image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
     interrupted = False
     with ExitStack() as stack:

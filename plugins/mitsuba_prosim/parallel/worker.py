@@ -30,6 +30,7 @@ from ..compat import dr_array
 from ..engine import environment
 from ..engine.estimator import Estimator
 from ..engine.work import WorkItem
+from ..parameters import pick_sensor
 from ..scene import scene_file, session
 
 
@@ -74,7 +75,7 @@ class SceneBundle:
         with atomic.scratch() as folder:
             atomic.write({folder / name: content for name, content in self.contents.items()})
             scene = scene_file.SceneFile(folder / self.main, folder, **self.changes).load()
-            return scene, scene_file.pick_sensor(scene, self.sensor)
+            return scene, pick_sensor(scene, self.sensor)
 
 
 #: Maximum number of clients whose last scene a worker keeps.

@@ -96,8 +96,7 @@ class Blocking(Steps):
     def __init__(
         self, integrator: Any, scene: mi.Scene, sensor: mi.Sensor, seed: int, spp: int, in_halves: bool = False
     ) -> None:
-        check_samples(sensor, spp)
-        self._in_halves, self._sensor, self._spp = in_halves, sensor, spp
+        self._in_halves, self._sensor, self._spp = in_halves, sensor, check_samples(sensor, spp)
         self._images: list[mi.TensorXf] = []
         super().__init__(self._render(integrator, scene, seed))
         self.close = self._steps.close  # no further image is rendered

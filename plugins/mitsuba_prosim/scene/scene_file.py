@@ -274,18 +274,3 @@ def require_scene(caller: str, scene: object) -> None:
             "load it again, or set its variant."
         )
     raise TypeError(f"{caller}: a scene or the name of its file is needed, not {type(scene).__name__}.")
-
-
-def pick_sensor(scene: mi.Scene, index: int) -> mi.Sensor:
-    """Returns the sensor with this index. The messages begin with those of Mitsuba's own command ``mitsuba``.
-
-    Raises TypeError if ``scene`` is not a scene, and ValueError if it has no sensor with this index.
-    """
-    if not isinstance(scene, mi.Scene):
-        raise TypeError("Root element of the input file must be a <scene> tag!")
-    sensors = scene.sensors()
-    if not sensors:
-        raise ValueError("No sensor specified for scene; add the element <sensor>, which is the camera.")
-    if not 0 <= index < len(sensors):
-        raise ValueError(f"Specified sensor index is out of bounds! The scene has sensors 0 to {len(sensors) - 1}.")
-    return sensors[index]

@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..compat import EXR_THREADS, native_plugins
+from ..parameters import pick_sensor
 from ..scene import scene_file, session
 
 #: Log levels of Mitsuba and of Dr.Jit; each -v selects the next level.
@@ -80,7 +81,7 @@ def render(options: argparse.Namespace) -> None:
             if not os.access(target, os.W_OK):  # Mitsuba would lose the image without a message
                 raise OSError(f"{target}: no image can be written there")
             scene = scene_file.instantiate(state)
-            sensor = scene_file.pick_sensor(scene, options.sensor)
+            sensor = pick_sensor(scene, options.sensor)
             scene.integrator().render(scene, sensor, develop=True, evaluate=True)
             dr.sync_thread()
             sensor.film().write(options.output or path)

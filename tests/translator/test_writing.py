@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -257,6 +258,21 @@ def test_the_same_solids_are_evaluated_once_and_the_files_are_the_same(tmp_path,
         prosim_scene.translate(path, tmp_path / "anew", define=define)
         assert everything(tmp_path / "kept") == everything(tmp_path / "anew")
     assert cache.evaluations == made
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"resolution": (np.int64(8), np.int64(6)), "samples": np.int64(200)},
+        {"resolution": np.array([8, 6], np.uint8), "samples": np.uint8(200)},
+        {"resolution": [8, 6], "samples": 200, "tolerance": Fraction(1, 10)},
+    ],
+)
+def test_numbers_of_all_types_are_options(scene, options):
+    expected = prosim_scene.translate(scene, resolution=(8, 6), samples=200).read_text()
+    assert prosim_scene.translate(scene, **options).read_text() == expected
+    sampler = prosim_scene.load(scene, **options)["view"]["sampler"]
+    assert repr(sampler["sample_count"]) == "40000"
 
 
 @pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")

@@ -3,10 +3,11 @@ numbers against the limit of single precision.
 """
 
 import math
+import operator
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -40,14 +41,21 @@ class Options:
     allow_outside: bool = False
 
     def __post_init__(self) -> None:
-        samples, pixels = numbers_of("SETTING", "samples"), numbers_of("VIEW_PARAMETER", "resolution")
         self._check("target", self.target in TARGETS, f"one of {', '.join(TARGETS)}")
         self._check("light_units", self.light_units in UNITS, f"one of {', '.join(UNITS)}")
         self._check("tolerance", self.tolerance is None or _is_positive(self.tolerance), "a number of pixels above 0")
-        allowed = self.samples is None or _are_allowed([self.samples], samples)
-        self._check("samples", allowed, samples.range_in_words())
-        allowed = self.resolution is None or _are_allowed(self.resolution, pixels)
-        self._check("resolution", allowed, f"width and height, each {pixels.range_in_words()}, and {PIXELS} in all")
+        # The numbers become Python's, because those of NumPy overflow and are not written to XML.
+        if self.tolerance is not None:
+            object.__setattr__(self, "tolerance", float(self.tolerance))
+        if self.samples is not None:
+            numbers, allowed = _whole_numbers([self.samples]), numbers_of("SETTING", "samples")
+            self._check("samples", _are_allowed(numbers, allowed), allowed.range_in_words())
+            object.__setattr__(self, "samples", numbers[0])
+        if self.resolution is not None:
+            numbers, allowed = _whole_numbers(self.resolution), numbers_of("VIEW_PARAMETER", "resolution")
+            expected = f"width and height, each {allowed.range_in_words()}, and {PIXELS} in all"
+            self._check("resolution", _are_allowed(numbers, allowed), expected)
+            object.__setattr__(self, "resolution", numbers)
 
     def _check(self, name: str, allowed: bool, expected: str) -> None:
         if not allowed:
@@ -58,10 +66,16 @@ def _is_positive(value: Any) -> bool:
     return isinstance(value, Real) and 0 < float(value) < math.inf
 
 
-def _are_allowed(values: Any, allowed: Numbers) -> bool:
-    numbers = list(values) if isinstance(values, Iterable) else []
-    whole = len(numbers) == allowed.count and all(isinstance(number, Integral) for number in numbers)
-    return whole and all(map(allowed.allows, numbers)) and math.prod(numbers) <= PIXELS
+def _whole_numbers(values: Any) -> tuple[int, ...]:
+    """Returns the whole numbers ``values``; () if these are something else."""
+    try:
+        return tuple(map(operator.index, values))
+    except TypeError:
+        return ()
+
+
+def _are_allowed(numbers: tuple[int, ...], allowed: Numbers) -> bool:
+    return len(numbers) == allowed.count and all(map(allowed.allows, numbers)) and math.prod(numbers) <= PIXELS
 
 
 class Context:

@@ -191,6 +191,19 @@ def test_a_use_of_a_named_solid_is_its_tree_written_out(write_scene):
     assert prosim_scene.parse(prosim_scene.format(NAMED)) == scene
 
 
+@pytest.mark.parametrize("index", ["$i", "{0 + 1}", "01", "(a 7) 1", "\n= 1"])
+def test_primitives_are_named_by_their_index_and_uses_without_comments(write_scene, index):
+    tree = f"SOLID leg SPHERE 2 CSG-TREE + CUBE {index} - leg (a {{) $i CUBE {index}"
+    tables = "SURFACE 1 SURFACE 2 TRANSFORM 1 TRANSFORM 2 SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5) END"
+    path = write_scene(f"DEFAULT $i = 1 LIGHTS POINT position 9 9 9 {tree} {tables}")
+    expected = (
+        r"nothing is visible of a SPHERE in leg \$i \(line .\), CUBE 1 \(line .\): .*; operators come before "
+        r"their operands: - \(line .\) has the operands leg \$i \(line .\) and CUBE 1 \(line .\)\n"
+    )
+    with pytest.warns(prosim_scene.SceneWarning, match=expected):
+        assert " SURFACE 1 of CUBE 1, leg $i (line " in prosim_scene.translate(path).read_text(encoding="utf-8")
+
+
 def test_solids_of_solids_do_not_grow_without_a_limit(monkeypatch):
     monkeypatch.setattr(reader, "MAX_PRIMITIVES", 1000)
     text = "SOLID s0 + CUBE 1 CUBE 1\n" + "".join(f"SOLID s{i} + s{i - 1} 1 s{i - 1} 1\n" for i in range(1, 60))

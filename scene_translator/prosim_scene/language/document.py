@@ -1,15 +1,19 @@
 """Defines a document, which is a scene together with the position (span) of each of its values in the text."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 from ..model import Leaf, Operator, Scene
 from .diagnostics import SceneError, SceneWarning, Source, Span
+from .words import OPERATORS, WORDS_BY_SPELLING, normalise
 
 #: The path of a value in the model: ("view", "eye"), ("surfaces", 3), ("csg", 5, "textures", 0), ...
 Path = tuple[str | int, ...]
+#: Matches a character between the words of a text.
+SEPARATOR = re.compile(r'[\s()#":=]')
 
 
 @dataclass(frozen=True)
@@ -64,10 +68,17 @@ class Document:
         return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
 
     def name_of(self, number: int, whole: bool = False) -> str:
-        """Returns the name of node ``number`` of the CSG tree, a leaf; ``whole``: of the named solid around it."""
-        leaf: Any = self.scene.csg[number]
-        shape, words = leaf.shape.upper(), self.text_of("csg", number).split()
-        return f"{shape} {leaf.index}" if str(leaf.index) in words else f"a {shape} in " * (not whole) + " ".join(words)
+        """Returns the name of node ``number`` of the CSG tree: an operator, a primitive, or a primitive in the use of a
+        named solid; ``whole``: only the use.
+        """
+        node, text = cast(Any, self.scene.csg[number]), self.text_of("csg", number)
+        if text in OPERATORS:
+            return text
+        first, *_, last = SEPARATOR.split(text)
+        if normalise(first) in WORDS_BY_SPELLING:  # not the name of a solid
+            return f"{node.shape.upper()} {node.index}"
+        use = f"{first} {text[text.rindex('{') :] if last.endswith('}') else last}"  # without comments before the index
+        return use if whole else f"a {node.shape.upper()} in {use}"
 
     def surface_name(self, index: int) -> str:
         """Returns the name of a SURFACE in the text, where primitives of named solids have that of their solid."""
@@ -87,7 +98,7 @@ class Document:
         if not above:
             return ""
         first, second = above[-1] + 1, ends[above[-1] + 1]
-        words = [self.text_of("csg", i) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
+        words = [self.name_of(i, whole=True) + f" (line {self.line('csg', i)})" for i in (above[-1], first, second)]
         return f"; operators come before their operands: {words[0]} has the operands {words[1]} and {words[2]}"
 
 

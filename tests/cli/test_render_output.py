@@ -154,6 +154,19 @@ def test_a_signal_while_resources_are_released_comes_too_late(scene, monkeypatch
     done("render", scene)
 
 
+def test_a_second_signal_ends_the_process_while_resources_are_released(scene, monkeypatch):
+    """When the first one has ended the image (it was taken for the first one again)."""
+    codes, released = [], ExitStack()
+    released.callback(until, lambda: codes)
+    released.callback(os.kill, os.getpid(), signal.SIGINT)
+    monkeypatch.setattr(render_task, "log", lambda *_: released)
+    at_step(monkeypatch, 1, signal.SIGINT)
+    monkeypatch.setattr(os, "_exit", codes.append)
+    scene.write_text(BANDS)
+    prosim("render", scene)
+    assert codes == [130]
+
+
 def test_stop_is_called_again_until_the_end(monkeypatch, capfd):
     """A renderer forgets it that has not begun yet. Who sits at a terminal sees one line."""
     monkeypatch.setattr(os, "isatty", lambda _: True)

@@ -144,6 +144,8 @@ class Resources(ExitStack):
     def __init__(self, job: Job) -> None:
         super().__init__()
         self.job, self.signals = job, list[int]()
+        #: The integrator of the current image.
+        self.integrator: Any = None
         self.dask: DaskExecutor | None = None
 
     def __enter__(self) -> Resources:
@@ -154,10 +156,14 @@ class Resources(ExitStack):
         return self
 
     def handle_signals(self) -> None:
-        """From this call on, the first signal ends the job when all resources are released; a second signal ends it at
-        once.
+        """From this call on, the first signal ends the current image, and then the job, when all resources are
+        released; a second signal ends the job at once.
         """
-        self._handlers.enter_context(interruptible(lambda: None, self.signals))
+        self._handlers.enter_context(interruptible(self._stop, self.signals))
+
+    def _stop(self) -> None:
+        if self.integrator is not None:
+            self.integrator.cancel()
 
     @property
     def interruption(self) -> str | None:
@@ -215,25 +221,25 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     """
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
-    with interruptible(task.integrator.cancel, resources.signals):
-        render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots])
-        snapshots(render)
-        if snapshots.left:
-            left = ",".join(snapshots.left)
-            warnings.warn(f"--snapshots {left}: not written, because the render ended earlier", stacklevel=2)
-        reached, interruption = render.reached, resources.interruption
-        if interruption and not task.facts and reached is not None and reached.samples == 0:
-            words = f"{interruption} before the first sample; nothing was written."
-            click.echo(words[0].upper() + words[1:], err=True)
-            sys.exit(128 + resources.signals[0] if resources.signals else 1)
-        saved, unsaved = list[Path](), dict[str, atomic.Content]()
-        if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
-            unsaved = {task.state_suffix: replace(render.checkpoint(), about=task.about).write}
-            # If the state cannot be written now, ``files.save`` writes it with the image, to another folder if needed.
-            with suppress(OSError):
-                saved, unsaved = atomic.write({state: unsaved[task.state_suffix]}), {}
-        contents, lines, why_black = finished_image(task, render, final, seconds, interruption is not None)
-        written = [*files.save(task.stem, contents | unsaved), *saved]
+    resources.integrator = task.integrator
+    render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots])
+    snapshots(render)
+    if snapshots.left:
+        left = ",".join(snapshots.left)
+        warnings.warn(f"--snapshots {left}: not written, because the render ended earlier", stacklevel=2)
+    reached, interruption = render.reached, resources.interruption
+    if interruption and not task.facts and reached is not None and reached.samples == 0:
+        words = f"{interruption} before the first sample; nothing was written."
+        click.echo(words[0].upper() + words[1:], err=True)
+        sys.exit(128 + resources.signals[0] if resources.signals else 1)
+    saved, unsaved = list[Path](), dict[str, atomic.Content]()
+    if task.state_suffix:  # writes the state before denoising, which may fail or be interrupted
+        unsaved = {task.state_suffix: replace(render.checkpoint(), about=task.about).write}
+        # If the state cannot be written now, ``files.save`` writes it with the image, to another folder if needed.
+        with suppress(OSError):
+            saved, unsaved = atomic.write({state: unsaved[task.state_suffix]}), {}
+    contents, lines, why_black = finished_image(task, render, final, seconds, interruption is not None)
+    written = [*files.save(task.stem, contents | unsaved), *saved]
     lines = [written_line(task, written, seconds, interruption), *lines]
     if interruption and task.state_suffix:
         lines.append(f"To continue it: prosim resume {state}")

@@ -355,7 +355,7 @@ def test_policy_stops_at_the_measure_that_it_names(variant_rgb, name, measure):
     expected = np.array([measure(x) for x in samples])
     total, squares = samples.sum(1), (samples**2).sum(1)
     for least, threshold in (5, np.median(expected)), (11, np.median(expected)):
-        stops = POLICIES[name](5, threshold, least, 25, 25).converged(total, squares, np.full(200, 10))
+        stops = POLICIES[name](5, threshold, least, 25, 25).request(total, squares, np.full(200, 10)) == 10
         clear = np.abs(expected / threshold - 1) > 0.01
         assert np.array_equal(stops[clear], (expected <= threshold)[clear] & (least <= 10)) and clear.mean() > 0.9
 

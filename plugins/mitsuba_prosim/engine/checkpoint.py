@@ -53,7 +53,7 @@ ALLOWED: Mapping[str, Callable[[Any], bool]] = {
     "estimates": lambda value: all(
         is_number(samples, 0.5, 1e9) and is_number(ratio, 0, np.inf) for samples, ratio in value
     ),
-    "rounds": lambda value: is_integer(value, 0, 2**16),
+    "rounds": lambda value: is_integer(value, 0, 2**32),
     "seconds": lambda value: is_number(value, 0, 1e12),
     "finished": lambda value: type(value) is bool,
 }

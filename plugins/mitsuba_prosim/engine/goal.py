@@ -10,7 +10,7 @@ import numpy as np
 
 from .error_target import GROWTH, ErrorTarget, mean, next_counts, remaining_factor
 from .image import Image, Noise, SecondImage
-from .plan import UNLIMITED, Plan, area
+from .plan import UNLIMITED, area
 
 
 class Pass(NamedTuple):
@@ -19,7 +19,6 @@ class Pass(NamedTuple):
     ``wanted`` has the pixels of the image first, and perhaps those of its second image.
     """
 
-    plan: Plan
     wanted: np.ndarray
     #: Estimated number of samples of all these pixels together at the end of the image; if the number is 0, the samples
     #: of this pass do not count as progress.
@@ -43,7 +42,7 @@ Measure: TypeAlias = Callable[[Image, SecondImage, ErrorTarget], Measurement]
 
 
 class PolicyGoal:
-    """Ends a render after the decisions of the adaptive-sampling policy, the number of which is fixed.
+    """Ends a render after the decisions of the adaptive-sampling policy, or when it requests no more samples.
 
     A goal decides which samples an image takes next: ``next`` returns the next pass, or None if the image has enough
     samples or if the time is up. ``measure`` takes note that a pass is complete, and returns whether the image and its
@@ -73,12 +72,15 @@ class PolicyGoal:
             # samples as in the whole image. Each decision that is left needs a margin of ``policy.reach``.
             left = policy.rounds - image.rounds - 1
             wanted = image.counts_for(image.request(left * policy.reach))
-            if left:  # few samples give unreliable estimates
+            if left and policy.unbounded:  # few samples give unreliable estimates
                 wanted = np.minimum(wanted, np.maximum(GROWTH * image.count, plan.n**2))
-            image.begin_round(image.counts_of_part(wanted, left * policy.reach))
+            wanted = image.counts_of_part(wanted, left * policy.reach)
+            if not np.any(wanted > image.count):
+                return None
+            image.begin_round(wanted)
         assert image.wanted is not None
         expected = most if image.rounds < policy.rounds else float(image.wanted.sum(dtype=np.int64))
-        return Pass(image.plan, image.wanted, expected)
+        return Pass(image.wanted, expected)
 
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision; several if there are many samples, to show an image early."""
@@ -86,7 +88,7 @@ class PolicyGoal:
         while numbers[0] * area(image.outer) > self.LONG and numbers[0] > 1:
             numbers.insert(0, -(-numbers[0] // GROWTH**2))
         for number in numbers:
-            yield Pass(image.plan, image.one * np.uint32(number), image.most_samples)
+            yield Pass(image.one * np.uint32(number), image.most_samples)
 
     def measure(self, image: Image) -> bool:
         """Returns True: the image may be shown after each pass."""
@@ -130,7 +132,7 @@ class ErrorGoal:
     def _first_passes(self, image: Image) -> Iterator[Pass]:
         """Yields the passes before the first decision of the policy."""
         if self.target.seconds:  # shows an image after one sample per pixel
-            yield Pass(image.plan, image.one)
+            yield Pass(image.one)
         yield both(image, image.one * np.uint32(image.policy.first_samples), image.plan.max_samples)
 
     def _next(self, image: Image) -> Pass | None:
@@ -223,7 +225,7 @@ Goal: TypeAlias = "PolicyGoal | ErrorGoal | HalvesGoal"
 def second_pass(image: Image, second: SecondImage, most: int = UNLIMITED) -> Pass:
     """Returns a pass that gives each pixel of ``second`` as many samples as in ``image``, but at most ``most``."""
     count = image.count
-    return Pass(second.plan, np.concatenate([count, np.minimum(count[second.index], np.uint32(most))]))
+    return Pass(np.concatenate([count, np.minimum(count[second.index], np.uint32(most))]))
 
 
 def both(image: Image, wanted: np.ndarray, expected: float) -> Pass:
@@ -232,7 +234,7 @@ def both(image: Image, wanted: np.ndarray, expected: float) -> Pass:
     """
     if image.second is not None:
         wanted = np.concatenate([wanted, wanted[image.second.index]])
-    return Pass(image.plan, wanted, expected * len(wanted))
+    return Pass(wanted, expected * len(wanted))
 
 
 def raw_error(image: Image, second: SecondImage, target: ErrorTarget) -> Measurement:

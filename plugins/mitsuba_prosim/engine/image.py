@@ -208,14 +208,16 @@ class Image(PixelSet):
         """Converts the requested numbers of samples to the numbers of samples that the pixels will have.
 
         The numbers include the samples that a pixel already has. A request below the plan's minimum number of samples
-        per pixel becomes this minimum. A request above the minimum is rounded up to a power of two, for which Sobol'
-        points are best, and limited to the plan's maximum number of samples per pixel. A request of NaN becomes 1.
+        per pixel becomes this minimum. If the policy is unbounded, a request above the minimum is rounded up to a
+        power of two, for which Sobol' points are best. Each number is limited to the plan's maximum number of samples
+        per pixel. A request of NaN becomes 1.
         """
         plan, clipped = self.plan, np.float32(np.fmin(np.fmax(request, 1), UNLIMITED))  # ``fmax`` ignores NaN
         # The bits of a positive float begin with its exponent: a mantissa other than 0 raises the exponent by 1.
         fraction = np.uint32(0x7FFFFF)
         power_of_two = ((clipped.view(np.uint32) + fraction) & ~fraction).view(np.float32)
-        counts = np.where(request <= plan.min_samples, np.float32(plan.min_samples), power_of_two)
+        rounded = power_of_two if plan.policy.unbounded else clipped
+        counts = np.where(request <= plan.min_samples, np.float32(plan.min_samples), rounded)
         return np.minimum(counts, plan.max_samples).astype(np.uint32)
 
 
@@ -257,8 +259,7 @@ class SecondImage(PixelSet):
         self.index, seed = index, hash32(seed)
         self.own = slice(image.own.stop, image.own.stop + len(index))
         self.seeds = np.broadcast_to(np.array(seed), index.shape)
-        sampling = replace(image.plan.sampling, adaptive="none")  # the second image takes as many samples as the first
-        self.plan = replace(image.plan, seed=seed, photon_seed=int(seed[0]), sampling=sampling)
+        self.plan = replace(image.plan, seed=seed, photon_seed=int(seed[0]))
 
     def lags(self, image: Image) -> bool:
         """Tells whether any pixel has fewer samples than in the first ``image``."""

@@ -45,15 +45,6 @@ class Policy:
         """
         return np.full(count.shape, self.noisy_samples)
 
-    def converged(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Tells which pixels have converged, so that they need no further samples.
-
-        ``total`` and ``squares`` are the sums of the luminance and of its square over the ``count`` samples of a pixel,
-        which are a whole number of passes. The result is False for all pixels in policies that do not decide by a
-        pixel's own samples.
-        """
-        return np.zeros(count.shape, dtype=bool)
-
 
 class Uniform(Policy):
     """The policy ``none``, which requests the same number of samples for every pixel."""
@@ -72,13 +63,16 @@ class Thesis(Policy):
     """
 
     unbounded = False
+    rounds = 1 << 32
     measure = staticmethod(standard_error)
 
-    def converged(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
-        """Tells which pixels have the minimum number of samples, and a measure of at most the threshold."""
-        with np.errstate(all="ignore"):  # NaN without samples
-            measured = self.measure(total, squares, count)
-        return (count >= self.first_samples) & (measured <= np.float32(self.threshold))
+    def request(self, total: np.ndarray, squares: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Requests another pass of N samples for each pixel that has too few samples, or a measure above the
+        threshold. Arguments and result are those of :meth:`Policy.request`.
+        """
+        measured = self.measure(total, squares, count)
+        done = (count % self.n == 0) & (count >= self.first_samples) & (measured <= np.float32(self.threshold))
+        return np.where(done, count, (count // self.n + 1) * self.n)
 
 
 class Variance(Thesis):

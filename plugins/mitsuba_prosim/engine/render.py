@@ -129,7 +129,7 @@ class Render(Steps):
                     image.wanted = None
                 elif image.rounds == 0 and np.any(image.count):
                     # In the first pass, pixels without samples get one sample, so that no pixel is missing.
-                    yield from self._take(Pass(image.plan, image.one))
+                    yield from self._take(Pass(image.one))
                 if (not complete or self.goal.measure(image)) and np.all(image.counts > 0):
                     yield Step(self._done, True)
             image.finished = not self._stopped and (self._complete or self.target.time_is_up)
@@ -145,11 +145,11 @@ class Render(Steps):
 
     def _take(self, request: Pass) -> Iterator[Step]:
         """Takes the samples of a pass, and yields a step after each work item."""
-        image, (plan, wanted, expected) = self.state, request
+        image, (wanted, expected) = self.state, request
         # Number of samples that the batch lacks, and number that it has taken. The pass is complete if both agree in
         # the last batch.
         missing, taken, several = 0, 0, bool(np.any(wanted > 1))
-        for by, batch in batches(image, plan, wanted):
+        for by, batch in batches(image, wanted):
             have, taken = int(np.array(image.accumulators.count)[: len(wanted)].sum(dtype=np.int64)), 0
             missing = int(lacking(image, batch).sum())
             # The time limit cannot end a pass that takes the first samples, so it does not make its items small either.

@@ -217,38 +217,22 @@ def _work_item(image: PixelSet, plan: Plan, pixels: mi.UInt32, end: mi.UInt32, s
     return WorkItem(image.estimator, replace(plan, seed=seed), x, y, start, end, samples, store)
 
 
-def batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
+def batches(image: Image, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
     """Divides the samples that pixels need to reach the numbers ``wanted`` into batches.
 
     Yields, for each batch, its plan, and the number of samples of each pixel after the batch; a pixel that already has
-    more samples takes none. With a policy that decides by a pixel's own samples, each pass of N samples is a batch, and
-    pixels that have converged take no further samples.
-    """
-    for by, batch in photon_batches(image, plan, wanted):
-        if plan.policy.unbounded:
-            yield by, batch
-            continue
-        for stop in range(plan.n, int(batch.max()) + plan.n, plan.n):
-            total, squares, count = image.statistics()
-            converged = (count % plan.n == 0) & plan.policy.converged(total, squares, count)
-            yield by, np.where(converged, 0, np.minimum(batch, np.uint32(stop)))
-
-
-def photon_batches(image: Image, plan: Plan, wanted: np.ndarray) -> Iterator[tuple[Plan, np.ndarray]]:
-    """Yields the :func:`batches` for all photon passes: each photon pass has a batch.
-
-    The photon maps of one photon pass are used for a fixed number of successive samples of each pixel. Without
-    caustics, there is only one batch. With caustics, an image and its second image have different photons, so they have
-    different batches.
+    more samples takes none. The photon maps of one photon pass are used for a fixed number of successive samples of
+    each pixel, so each photon pass has a batch. An image and its second image have different photons, so they have
+    different batches. Without caustics, there is only one batch.
     """
     caustics = image.estimator.transport.caustics
     if caustics is None:
-        yield plan, wanted
+        yield image.plan, wanted
         return
     count = np.array(image.accumulators.count)[: len(wanted)]
     for pixels in (image, image.second):
         if pixels is not None and (lack := wanted[pixels.own] > count[pixels.own]).any():
-            numbers, maps = wanted[pixels.own], caustics.maps(plan.n)
+            numbers, maps = wanted[pixels.own], caustics.maps(image.plan.n)
             for first in range(int(count[pixels.own][lack].min()) // maps * maps, int(numbers.max()), maps):
                 batch = count.copy()
                 batch[pixels.own] = np.minimum(numbers, np.uint32(first + maps))

@@ -141,7 +141,7 @@ def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, target, name, k
 def test_frames_need_the_name_frame(film):
     film.write_text(FILM.replace("$frame", "$time"))
     fixed = prosim("render", film, "--frames", "0:2", "-D", "time=3")
-    assert fixed.exit_code == 2 and "does not use $frame, so all frames would be alike" in fixed.stderr
+    assert fixed.exit_code == 2 and f"frame 0: {film}: the scene does not use $frame" in fixed.stderr
 
 
 def test_scenes_in_xml_have_frames_too(scene):

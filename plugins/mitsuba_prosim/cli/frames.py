@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import OpenEXR
 import prosim_scene
-from prosim_scene import FRAME, TIME
+from prosim_scene import FRAME
 
 from ..engine import environment
 from ..scene import images, scene_file
@@ -30,22 +30,12 @@ class Animation:
     """
 
     def __init__(self, job: Job, stem: Path) -> None:
-        """Raises UsageError if the option -D defines $frame, and InputError if all frames would be equal."""
+        """Raises UsageError if the option -D defines $frame."""
         if FRAME in job.definitions:
             raise click.UsageError(f"-D {FRAME}=... and --frames both define ${FRAME}; give one.")
         self.job, self.stem, self.frames = job, stem, job.frames or range(0)
         self.cache = prosim_scene.TranslationCache()
         self.rendered = self.skipped = self.black = 0
-        with input_errors():
-            #: Whether the scene uses $frame, or $time, which the thesis's language derives from it.
-            names = (FRAME,) if TIME in job.definitions or job.scene.lower().endswith(".xml") else (FRAME, TIME)
-            self.moves = bool(scene_file.used_names(job.scene, {TIME: "0", **job.definitions, FRAME: "0"}, names))
-            if not self.moves and len(self.frames) > 1:
-                unused = f"uses neither ${FRAME} nor ${TIME}" if TIME in names else f"does not use ${FRAME}"
-                raise ValueError(
-                    f"{job.scene} {unused}, so all frames would be alike; use ${FRAME} where the "
-                    f"scene moves, in the thesis's language such as {{360 * ${FRAME} / {len(self.frames)}}}"
-                )
 
     def render(self) -> None:
         """Renders the missing frames, and prints a report. If the animation is interrupted, the process exits with code
@@ -75,8 +65,8 @@ class Animation:
         Raises ClickException if the frame cannot be rendered.
         """
         bar.begin(number, self.rendered, len(self.frames) - self.skipped)
-        values = {FRAME: str(number)} if self.moves else {}
-        job = replace(self.job, definitions={**self.job.definitions, **values}, seed=(self.job.seed + number) % 2**32)
+        definitions = {**self.job.definitions, FRAME: str(number)}
+        job = replace(self.job, definitions=definitions, seed=(self.job.seed + number) % 2**32)
         with input_errors():
             file = job.read_scene(resources.folder, cache=self.cache)
             facts = {DIGEST: digest(job, file), "prosim.frame": str(number)}

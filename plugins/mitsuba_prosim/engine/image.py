@@ -67,7 +67,7 @@ class Image(PixelSet):
     def _set_pixels(self, x: mi.Int32, y: mi.Int32) -> None:
         """Stores the coordinates of the pixels of both images."""
         self.x, self.y = x, y
-        self.along_z = np.argsort(z_curve(np.array(x).astype(np.uint32), np.array(y).astype(np.uint32)))
+        self.along_z = np.argsort(np.array(z_curve(x, y)))
 
     def begin_round(self, wanted: np.ndarray | None, rounds: int | None = None) -> None:
         """Begins a pass to ``wanted`` samples a pixel; ``rounds`` is its decision's number, by default the next."""

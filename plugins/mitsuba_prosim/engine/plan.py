@@ -191,7 +191,7 @@ class Plan:
         if self.uses_sobol:
             shared = dr.opaque(mi.UInt32, self.shared)
             shares = t < shared
-            first = dr.select(shares, z_curve(mi.UInt32(x), mi.UInt32(y)) * shared, 0)
+            first = dr.select(shares, z_curve(x, y) * shared, 0)
             return Sobol(pixel_key(self.seed, dr.select(shares, 0, pixel)), t, dr.opaque(mi.UInt32, self.n), first)
         return NRook(self.permutations, pixel_key(self.seed, pixel), t, self.sampling.jitter)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 from ..alone import alone
 from ..compat import denormals_rounded, dr_array
 from .accumulators import Accumulators
-from .camera import is_perspective, without_crop_window
+from .camera import without_crop_window
 from .estimator import Estimator
 from .pixel_set import PixelSet
 from .plan import Plan
@@ -80,9 +79,7 @@ class WorkItem:
 
     def compute(self) -> Accumulators:
         """Returns the new sums of the pixels, evaluated, so that the next work item can use the same kernel."""
-        sensor = self.estimator.sensor
-        window = nullcontext() if is_perspective(sensor) else without_crop_window(sensor)
-        with alone(), denormals_rounded(), dr.suspend_grad(), window:
+        with alone(), denormals_rounded(), dr.suspend_grad(), without_crop_window(self.estimator.sensor):
             if (caustics := self.estimator.transport.caustics) is not None:
                 # All samples of a work item need the same photon pass, that of the last sample.
                 number = (int(np.max(self.end)) - 1) // caustics.maps(self.plan.n)

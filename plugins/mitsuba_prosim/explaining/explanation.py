@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from html import escape
@@ -21,7 +20,7 @@ import numpy as np
 from .. import atomic
 from ..alone import alone
 from ..compat import PLACE, denormals_rounded, description, dr_array
-from ..engine.camera import coarse_film, is_perspective, without_crop_window
+from ..engine.camera import coarse_film, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..parameters import check_whole, pick_sensor
@@ -153,7 +152,6 @@ class Samples:
             self.notes.append("The film converts these colours to those of its pixel_format.")
         #: Column and row of the pixel in the whole film.
         self.where = x + left, y + top
-        window = nullcontext() if is_perspective(camera) else without_crop_window(camera)
         with alone(), denormals_rounded(), dr.suspend_grad():
             self.estimator: Estimator = integrator.estimator(scene, camera)
             sampling = integrator.sampling.uniform(spp) if spp else integrator.sampling
@@ -162,7 +160,7 @@ class Samples:
                 self.notes.append("The image is adaptive: this pixel may have fewer or more samples there.")
             self.recorder, stored_names = Recorder(self.estimator.transport, names or {}), self.estimator.channels.names
             self.channels = tuple(name for name in stored_names[: stored_names.index("W")] if name != "A")
-            with window:  # a render takes its samples without it, too
+            with without_crop_window(camera):  # a render takes its samples without it, too
                 self._take_all(spp or min(plan.noisy_samples, MOST_SAMPLES))
 
     def _take_all(self, count: int) -> None:

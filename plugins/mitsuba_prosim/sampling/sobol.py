@@ -62,15 +62,9 @@ def pascal(i: Any) -> Any:
     return i
 
 
-def z_curve(x: Any, y: Any) -> Any:
-    """Returns the Morton code of the pixel (x, y): the lowest 14 bits of x and y alternate. Both are arrays of 32-bit
-    unsigned integers, of Dr.Jit or NumPy.
-    """
-    spread = [x & 0x3FFF, y & 0x3FFF]
-    # Each step moves half of the bits apart, until there is a gap after each bit.
-    for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-        spread = [(v | (v << shift)) & mask for v in spread]
-    return spread[0] | (spread[1] << 1)
+def z_curve(x: mi.Int32, y: mi.Int32) -> mi.UInt32:
+    """Returns the Morton code of the pixel (x, y): the lowest 14 bits of x and y alternate."""
+    return mi.math.morton_encode2(mi.Point2u(mi.UInt32(x) & 0x3FFF, mi.UInt32(y) & 0x3FFF))
 
 
 def scrambled(x: Any, key: Any) -> Any:

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -212,14 +212,11 @@ class SceneFile:
             raise
 
 
-def parse(
-    path: str | Path, parameters: Mapping[str, str], unused: mi.LogLevel = mi.LogLevel.Error
-) -> mi.parser.ParserState:
+def parse(path: str | Path, parameters: Mapping[str, str]) -> mi.parser.ParserState:
     """Returns the state of Mitsuba's parser after an XML scene file.
 
-    ``parameters`` are the values of the ``$key`` constants. ``unused`` is the log level of the message about a constant
-    that the scene does not use. Raises ValueError for a name that Mitsuba reserves or cannot read, and the errors of
-    :func:`check_parameters` and of the parser.
+    ``parameters`` are the values of the ``$key`` constants. Raises ValueError for a name that Mitsuba reserves or
+    cannot read, and the errors of :func:`check_parameters` and of the parser.
     """
     if taken := set(compat.RESERVED) & set(parameters):
         raise ValueError(f"-D {taken.pop()}=...: Mitsuba reserves this name; choose another")
@@ -227,7 +224,6 @@ def parse(
         if (shown := text.encode("utf-8", "replace").decode()) != text:
             raise ValueError(f"{shown}: Mitsuba reads only names and values in UTF-8; change it")
     config = mi.parser.ParserConfig(mi.variant() or "")
-    config.unused_parameters = unused
     state = mi.parser.parse_file(config, str(path), **parameters)
     mi.parser.transform_upgrade(config, state)  # old names of parameters, such as maxDepth
     check_parameters(state)
@@ -249,19 +245,6 @@ def check_parameters(state: mi.parser.ParserState) -> None:
 def instantiate(state: mi.parser.ParserState) -> mi.Scene:
     """Makes the Mitsuba scene that a parser state describes; the parser state cannot be used again."""
     return compat.instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, registry.PLUGINS)
-
-
-def used_names(path: str | Path, definitions: Mapping[str, str], names: Iterable[str]) -> set[str]:
-    """Returns those of ``names`` that occur as ``$name``, also in comments, in the scene file ``path`` or in a file
-    that it includes. ``definitions`` are the values of the constants.
-    """
-    files = [path]
-    if Path(path).suffix.lower() == ".xml":
-        with session.search_path([Path(path).parent]):
-            files = [str(file) for file in parse(path, definitions, mi.LogLevel.Debug).files]
-    text = "".join(Path(file).read_text(encoding="utf-8", errors="replace") for file in files)
-    text = text.replace("\0", "")  # the file may be in UTF-16
-    return {name for name in names if re.search(rf"\${name}\b", text)}
 
 
 def require_scene(caller: str, scene: object) -> None:

@@ -24,7 +24,7 @@ GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian", "fresnel": "thesis", "eta"
 #: Plugins with parameters.
 SETS = {
     "prosim_conductor": [{}, {"alpha": 0.3, **GROOVES}, {"exponent": 3.0}, GAUSSIAN],
-    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0}],
+    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0, "int_ior": 1.7, "int_abbe": 20.0}],
     "prosim_composite": [
         {"alpha": 0.4},
         {"exponent": 20.0, **GROOVES},

@@ -14,7 +14,7 @@ KINDS = {
     "prosim": {"type": "prosim", "noise": 0.2},
     "path": PATH,
     "nothing": None,
-    "aov": {"type": "aov", "aovs": "d:depth", "nested": PATH},
+    "aov": {"type": "aov", "aovs": "denoised:albedo", "nested": PATH},
     "denoised": {"type": "prosim_denoised", "nested": PATH},
 }
 

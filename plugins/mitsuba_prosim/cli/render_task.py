@@ -24,7 +24,7 @@ from .. import __version__, atomic
 from ..compat import description
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
-from ..engine.error_target import SHARE
+from ..engine.error_target import REST
 from ..engine.plan import TARGETS
 from ..engine.render import Reached
 from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
@@ -71,7 +71,7 @@ class RenderTask:
     def integrator(self) -> Any:
         """The scene's integrator, or the one that prosim_denoised nests."""
         integrator: Any = self.scene.integrator()
-        return integrator.nested if "denoised.R" in integrator.aov_names() else integrator
+        return integrator.nested if rendering.is_denoised(integrator) else integrator
 
     @property
     def denoise(self) -> bool:
@@ -331,7 +331,7 @@ class Snapshots:
         for text in list(self.left):
             amount = float(text.removesuffix("s"))
             if text.endswith("s"):  # a render with --time would end now, see ErrorTarget.time_is_up
-                due = reached.seconds >= (1 - SHARE) * amount
+                due = reached.seconds >= (1 - REST) * amount
             else:  # a render with --noise, a limit of the RMS error only, would end now
                 due = replace(render.target, limits=(amount, 0)).excess(render.state.noise) <= 1
             if due:

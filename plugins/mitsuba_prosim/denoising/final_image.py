@@ -14,6 +14,7 @@ from ..engine.film import put
 from ..engine.render import Render
 from ..parameters import check_seed, check_whole, pick_sensor
 from ..scene import rendering
+from ..scene.black import innermost
 from ..scene.channels import of_channels, planes
 from ..transport.transport import RAYS_PER_PATH
 from .denoised import Denoised
@@ -61,7 +62,7 @@ def denoised_progressive(
     """
     sensor, seed, spp = pick_sensor(scene, sensor), check_seed(seed), check_whole("spp", spp)
     check(sensor.film())
-    hide_emitters, limit, targets = getattr(integrator, "hide_emitters", False), 0.0, False
+    hide_emitters, limit, targets = getattr(innermost(integrator), "hide_emitters", False), 0.0, False
     if not spp and rendering.is_progressive(integrator):
         limit, targets = integrator.time, any(integrator.sampling.noises)
     denoiser = HalvesDenoiser(scene, sensor, seed, hide_emitters, targets or fast)

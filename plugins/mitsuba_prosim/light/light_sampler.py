@@ -8,6 +8,7 @@ method `probability` returns it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -150,7 +151,8 @@ def lamp_models(scene: mi.Scene, emitters: Sequence[mi.Emitter]) -> np.ndarray:
     for k, (power, origins, directions) in rays.items():
         rows[k] = nearby_lamp_model(power, origins, directions, size)
     far = [k for k in range(len(emitters)) if k not in rays]
-    rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], light_in_scene)[0].mean(1)
+    sample = partial(light_in_scene, EmitterMethods(scene.emitters() if far else []))
+    rows[far, 4] = np.square(FAR * size) * sample_lamps(scene, [emitters[k] for k in far], sample)[0].mean(1)
     if not rows[:, 4:6].any():
         rows[:, 4] = 1
     # Values are rounded to ten bits, so that rounding errors of the rays do not matter.
@@ -221,7 +223,9 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
     return dispatch(emitter, sample, *(to_unit(combine(key, j)) for j in range(5)), mi.Bool(True))
 
 
-def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
+def light_in_scene(
+    methods: EmitterMethods, scene: mi.Scene, emitter: Any, key: Any
+) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
     """Returns an estimate of the irradiance, without shadows, by ``emitter`` at a random point of the scene's bounding
     box, the point, and the direction to the emitter.
 
@@ -235,7 +239,7 @@ def light_in_scene(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, m
     spectrum = mi.MI_CIE_MAX - mi.MI_CIE_MIN if mi.is_spectral else 1
     if mi.is_spectral:
         si.wavelengths = mi.MI_CIE_MIN + spectrum * mi.sample_shifted(u[3])
-    ds, weight = EmitterMethods(scene.emitters()).sample_direction(emitter, si, mi.Point2f(*u[4:]), mi.Bool(True))
+    ds, weight = methods.sample_direction(emitter, si, mi.Point2f(*u[4:]), mi.Bool(True))
     return spectrum * brightness(weight), si.p, ds.d
 
 

@@ -134,7 +134,7 @@ def converge(
         raise ValueError(f"{caller}: spp gives each pixel exactly so many samples; leave it out with noise and time")
     loaded = load(caller, scene)
     integrator: Any = loaded.integrator() or create("path")
-    if "denoised.R" in integrator.aov_names():  # prosim_denoised
+    if rendering.is_denoised(integrator):
         integrator, denoise = integrator.nested, True
     if limits:
         integrator = rendering.with_targets(integrator, loaded)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -63,7 +64,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5), True)
     si = scene.ray_intersect(ray)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
-    if getattr(getattr(integrator, "nested", integrator), "hide_emitters", False):
+    if getattr(innermost(integrator), "hide_emitters", False):
         lamps = si.emitter(scene) != None  # noqa: E711
         if dr.any(lamps) and dr.all(~visible | lamps):
             return "only lamps are in view, and hide_emitters of the integrator hides them."
@@ -124,6 +125,13 @@ def _after_mirrors(
     return si, passed
 
 
+def innermost(integrator: Any) -> Any:
+    """Returns the integrator that finds the light: ``integrator``, or the one nested in it, at any depth."""
+    while hasattr(integrator, "nested"):
+        integrator = integrator.nested
+    return integrator
+
+
 def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
     """Returns the parameter of an integrator that limits the depth of rays, in words, and the maximum number of
     reflections and refractions before the last surface whose light from lamps it finds. The number is negative if there
@@ -133,7 +141,7 @@ def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
     if depth := re.search(r"max_depth = (\d+)", text):
         most = int(depth[1])
         return f"max_depth = {most}", most - 2 if most < UNLIMITED else math.inf
-    level = getattr(getattr(integrator, "nested", integrator), "max_level", math.inf)
+    level = getattr(innermost(integrator), "max_level", math.inf)
     if text.startswith("DirectIntegrator"):
         return "the integrator direct", 0
     return f"max_level = {level}", level if level >= 0 else math.inf

@@ -23,6 +23,11 @@ def is_progressive(integrator: mi.Integrator) -> bool:
     return hasattr(integrator, "progressive") and dr.is_jit_v(mi.Float)
 
 
+def is_denoised(integrator: mi.Integrator) -> bool:
+    """Tells whether ``integrator`` is ``prosim_denoised``, which denoises the image of the integrator in it."""
+    return getattr(integrator, "name", "") == "prosim_denoised"
+
+
 def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
     """Returns a progressive integrator that gives the same image of ``scene``: ``integrator`` itself if it is
     progressive, ``prosim`` in place of ``path`` as in :func:`.overrides.apply`, else ``prosim_adaptive`` around it.
@@ -75,7 +80,7 @@ def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images
     requested ``spp``. The sensor's sampler, which progressive integrators do not use, may round this part up.
     """
     each = -(-spp // images)
-    if not is_progressive(integrator) and "denoised.R" not in integrator.aov_names():  # prosim_denoised counts itself
+    if not is_progressive(integrator) and not is_denoised(integrator):  # which counts itself
         sampler = sensor.sampler().clone()
         sampler.set_sample_count(each)
         each = int(sampler.sample_count())

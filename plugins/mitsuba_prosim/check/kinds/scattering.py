@@ -158,7 +158,14 @@ class BSDF(Tests):
             self.report.require(test, right, q.sampled, on=on & q.valid, share=share)
         other = Queries(bsdf, mi.BSDFContext(mi.TransportMode.Importance))
         same = passes & q.valid & other.valid & (np.abs(q.wo - other.wo).max(axis=0) < 1e-3)
-        self.report.equal("radiance = importance / eta²", q.weight, other.weight / q.eta**2, q.sampled, on=same)
+        # Glass that disperses light has an index for each colour; if it is rough, several colours share a direction.
+        front = q.wi[2] > 0
+        least, most = (
+            np.where(front, *(bound(q.eta[0], where=same & side, initial=start) for side in (front, ~front)))
+            for bound, start in ((np.min, 1e9), (np.max, 1e-9))
+        )
+        nearest = np.clip(q.weight, other.weight / most**2, other.weight / least**2)
+        self.report.equal("radiance = importance / eta²", q.weight, nearest, q.sampled, on=same)
 
     def draw(self, bsdf: Any, ctx: Any, si: Any, u: Any) -> tuple[Any, Any, Any]:
         """A sample; the density is 0 where the BSDF is black."""
@@ -211,7 +218,9 @@ class BSDF(Tests):
 
     def test_indices(self, bsdf: Any) -> None:
         """Light that enters from the front meets the index int_ior / ext_ior, where these are parameters."""
-        if (glass := self.subject.changed(int_ior=1.9, ext_ior=1.2)) is not None:
+        indices = {"int_ior": 1.9, "ext_ior": 1.2}
+        glass = self.subject.changed(**indices, int_abbe=1000.0) or self.subject.changed(**indices)  # hardly disperses
+        if glass is not None:
             q = Queries(glass)
             enters = q.valid & (q.wi[2] > 0) & (q.wo[2] < 0) & (q.eta[0] != 1)
             self.report.equal("eta from the front = int_ior / ext_ior", q.eta, 1.9 / 1.2, q.sampled, on=enters)

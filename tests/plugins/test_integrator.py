@@ -422,13 +422,23 @@ def test_several_sensors_and_specfilm(variant_spectral):
     assert first.shape == (32, 32, 3) and second.shape == (16, 24, 2) and second.mean() > 0
 
 
-@pytest.mark.parametrize("parameter", [{"aovs": "samples"}, {"aovs": "d:depth"}, {"layers": "lights"}])
-def test_film_of_spectral_bands_refuses_aovs_and_layers(variant_spectral, parameter):
-    scene = penumbra(type="prosim", **parameter)
+@pytest.mark.parametrize(
+    "variant_name, parameter",
+    [
+        ("llvm_ad_spectral", {"aovs": "samples"}),
+        ("llvm_ad_spectral", {"aovs": "d:depth"}),
+        ("llvm_ad_spectral", {"layers": "lights"}),
+        ("scalar_spectral", {"aovs": "d:depth"}),
+        ("llvm_ad_spectral", {"type": "prosim_features"}),
+    ],
+)
+def test_film_of_spectral_bands_refuses_aovs_and_layers(variant_name, parameter):
+    mi.set_variant(variant_name)
+    scene = penumbra(**{"type": "prosim"} | parameter)
     bands = film(4, low={"type": "spectrum", "value": [(360, 1.0), (530, 0.0)]}) | {"type": "specfilm"}
     loaded = mi.load_dict({**scene, "sensor": {**scene["sensor"], "film": bands}})
     with pytest.raises(ValueError, match="SpecFilm stores spectral bands, without AOVs and layers"):
-        loaded.integrator().estimator(loaded, loaded.sensors()[0])
+        loaded.integrator().render(loaded, spp=1)
 
 
 def test_film_of_spectral_bands_refuses_channels(variant_spectral):

@@ -244,3 +244,19 @@ def test_sensor_without_defaults(variant_rgb, settings):
     mi.register_sensor("users_fisheye", Fisheye)
     room = {**scene({"type": "dielectric"}), "sensor": {"type": "users_fisheye", "film": film(16)}}
     assert compared(room, settings, WHOLE)
+
+
+@pytest.mark.parametrize("wrapper", [None, "twosided"])
+@pytest.mark.parametrize("ours", [TREE, PATHS, {"type": "prosim_adaptive", "nested": {"type": "path"}}])
+def test_bsdf_without_flags_is_warned_of(variant_rgb, logged, ours, wrapper):
+    """Integrators cannot know what it scatters; Mitsuba's ``path`` loses a part of its light without a word."""
+
+    class Flagless(two_lobes(typed=False, ideal=False)):
+        def __init__(self, props):
+            mi.BSDF.__init__(self, props)
+
+    mi.register_bsdf("users_flagless", Flagless)
+    bsdf = {"type": "users_flagless"}
+    loaded = mi.load_dict({**scene({"type": wrapper, "b": bsdf} if wrapper else bsdf), "integrator": ours})
+    mi.render(loaded, spp=1)
+    assert ["surfaces of Flagless" in text and "m_flags" in text for _, text in logged] == [True]

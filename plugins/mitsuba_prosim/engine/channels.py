@@ -13,6 +13,14 @@ from ..registry import create
 OWN_AOVS = ("samples", "error")
 
 
+def check_aovs(film: mi.Film, names: Sequence[str]) -> None:
+    """Raises ValueError for AOVs ``names`` on a ``film`` of spectral bands: Mitsuba would end the process, or store
+    zeros in scalar variants.
+    """
+    if names and mi.has_flag(film.flags(), mi.FilmFlags.Special):
+        raise ValueError(f"{film.class_name()} stores spectral bands, without AOVs and layers; use an hdrfilm")
+
+
 class Channels:
     """The channels of an image on ``film``.
 
@@ -43,8 +51,7 @@ class Channels:
             raise ValueError(
                 f'{film.class_name()} stores spectral bands, so channels = "{colours}" cannot choose colours'
             )
-        if self.special and self.aov_names:  # Mitsuba would end the process
-            raise ValueError(f"{film.class_name()} stores spectral bands, without AOVs and layers; use an hdrfilm")
+        check_aovs(film, self.aov_names)
 
     def values(self, L: mi.Spectrum, wavelengths: mi.Color0f, alpha: mi.Float) -> list[mi.Float]:
         """Returns the values of the film's own channels, without AOVs, for a sample whose filter weight is 1.

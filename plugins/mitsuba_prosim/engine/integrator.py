@@ -23,7 +23,7 @@ from ..parameters import (
     whole,
 )
 from ..sampling.nrook import JITTERS
-from .channels import Channels, aov_values, parse_aovs
+from .channels import Channels, aov_values, check_aovs, parse_aovs
 from .plan import SAMPLING, Plan, Sampling
 
 if TYPE_CHECKING:
@@ -245,6 +245,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
             mi.Log(mi.LogLevel.Warn, f"{self.name}: scalar variants ignore noise and time; use an llvm variant.")
         chosen = pick_sensor(scene, sensor)
         check_samples(chosen, spp)
+        check_aovs(chosen.film(), self.aov_names())
         self._scalar = self.transport(scene, chosen)
         try:
             return super().render(scene, sensor, seed, spp, *arguments)

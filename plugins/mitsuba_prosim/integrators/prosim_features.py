@@ -8,7 +8,7 @@ import mitsuba as mi
 
 from ..alone import alone, alone_if_traced
 from ..compat import take_back_interrupts
-from ..engine.channels import to_rgb
+from ..engine.channels import check_aovs, to_rgb
 from ..parameters import check_samples, check_unpolarized, describe, pick_sensor
 from ..registry import plugin
 from ..transport import features
@@ -62,8 +62,12 @@ class ProsimFeatures(mi.SamplingIntegrator):
         *arguments: Any,
         **more: Any,
     ) -> mi.TensorXf:
-        """Renders the albedo and the normals; no other thread renders with this package at the same time."""
-        check_samples(pick_sensor(scene, sensor), spp)
+        """Renders the albedo and the normals; no other thread renders with this package at the same time. Raises
+        ValueError for a film of spectral bands.
+        """
+        view = pick_sensor(scene, sensor)
+        check_samples(view, spp)
+        check_aovs(view.film(), self.aov_names())
         with alone():  # all renders share the film
             try:
                 return super().render(scene, sensor, seed, spp, *arguments, **more)

@@ -18,7 +18,7 @@ from .absorption import absorbs_any, pointer
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_blends_in_maps
+from .workarounds import warn_of_blends_in_maps, warn_of_missing_flags
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,7 @@ class Context:
         self.aov_names = [f"{name}.{letter}" for name in self.layers for letter in "RGB"]
         if settings.diffuse_bounces >= 0:
             warn_of_unsampled(self.lights.emitters)
+        warn_of_missing_flags(scene)
         warn_of_blends_in_maps(scene, mi.BSDFContext() if settings.diffuse_bounces < 0 else lobes.only(lobes.SPECULAR))
         #: Samples and evaluates BSDFs.
         paths = settings.diffuse_bounces < 0

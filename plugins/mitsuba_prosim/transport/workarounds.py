@@ -43,9 +43,10 @@ EDGE = 1e-3
 
 
 def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:
-    """Warns of emitters, ``blendbsdf`` and ``mask`` whose light Mitsuba's ``integrator``, or an integrator nested in it
-    (in ``aov`` or ``moment``), may lose or increase.
+    """Warns of emitters and BSDFs whose light Mitsuba's ``integrator``, or an integrator nested in it (in ``aov`` or
+    ``moment``), may lose or increase.
     """
+    warn_of_missing_flags(scene)
     integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
     if lost := [name_of(e) for e in scene.emitters() if e.class_name() == AREA and loses_light(e)]:
         mi.Log(
@@ -93,6 +94,17 @@ def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
             f"prosim: {', '.join(map(repr, wrong))} may reflect too little or too much light: Mitsuba samples a "
             "blendbsdf of a mirror, glass or a hole with another surface wrongly within a bumpmap or normalmap. "
             "Put the map into the blendbsdf, around each of its BSDFs.",
+        )
+
+
+def warn_of_missing_flags(scene: mi.Scene) -> None:
+    """Warns of BSDFs of users that have no ``m_flags``, by which integrators know what a surface scatters."""
+    bsdfs = [one for bsdf in all_bsdfs(scene) for one in of_users(bsdf)]
+    if lost := sorted({type(one).__name__ for one in bsdfs if not int(one.flags())}):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: surfaces of {', '.join(lost)} scatter no light or too little: their class sets no m_flags. Set "
+            "m_components and m_flags in __init__, for example to BSDFFlags.DiffuseReflection | BSDFFlags.FrontSide.",
         )
 
 

@@ -63,6 +63,8 @@ class ProsimDenoised(mi.SamplingIntegrator):
             }
     """
 
+    name = "prosim_denoised"
+
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
         self.fast = flag(props, "fast") if "fast" in props else None

@@ -63,6 +63,14 @@ def test_notebook_shows_picture_maps_and_verdict(variant_rgb):
     assert page.count("data:image/png;base64,") == 3 and result.verdict in page and result.verdict in repr(result)
 
 
+def test_colours_of_a_grey_image_are_not_its_other_channels(variant_rgb):
+    made = scene({"type": "prosim", "aovs": "samples,error"})
+    made["sensor"]["film"] |= {"pixel_format": "luminance"}
+    result = mitsuba_prosim.render(made, spp=4, progress=False)
+    assert result.image.shape == (48, 48, 3) and np.all(np.array(result)[..., 1] == 4)
+    assert np.array_equal(result.colours, np.array(result)[..., [0, 0, 0]])
+
+
 def test_progress_decreases_where_rare_bright_samples_raise_the_error(variant_rgb):
     """A glass ball focuses a small lamp, which the first samples miss."""
     ball = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5, "bsdf": {"type": "dielectric"}}

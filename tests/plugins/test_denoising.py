@@ -321,6 +321,8 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     )
     for shown, colours in (live.layers()["final"], wanted.final), raw:
         assert np.array_equal(shown, colours * np.ones(3, np.float32))
+    result = mitsuba_prosim.render(ours, seed=np.int64(3), progress=False)
+    np.testing.assert_allclose(np.array(result), image[..., : len(names) + 1], 0 if "R" in names else 1e-5)
     saved = {field.name for field in final.bitmap().struct_()}
     colours = [layer + c for layer in ("", "raw.", "denoised.") for c in names.strip("A")]
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}

@@ -105,7 +105,7 @@ class ProsimDenoised(mi.SamplingIntegrator):
         # Imported for the first image: few users denoise, and the denoiser is slow to load.
         from ..denoising.final_image import denoised_progressive
 
-        seed = seed if isinstance(seed, int) else int(dr.slice(seed, 0))
+        seed = int(dr.slice(seed, 0)) if isinstance(seed, dr.ArrayBase) else seed
         final = denoised_progressive(scene, sensor, self.nested, seed, spp, self.fast)
         final.render.run()
         with alone():  # all renders share the film

@@ -236,6 +236,12 @@ class ProgressiveImage:
             return latest
         return {name: fill_unknown(known, latest[name], self._coarse.get(name)) for name in without_maps(latest)}
 
+    def developed(self) -> mi.TensorXf:
+        """Returns the developed film of the image so far, after denoising with the colours of the final image."""
+        if self._result is None or self.final is None:
+            return self.render.image()
+        return mi.TensorXf(np.float32(np.dstack([self._result.final, *self.final.other_channels().values()])))
+
     def begin_coarse(self) -> None:
         """Renders the coarse image, which :meth:`layers` shows where the image has no sample yet.
 

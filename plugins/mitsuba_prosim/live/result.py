@@ -24,7 +24,7 @@ from ..parameters import check_limit, check_whole, pick_sensor
 from ..registry import create
 from ..scene import black, rendering
 from ..scene.scene_file import SceneFile, check_parameters, require_scene
-from .progressive_image import ProgressiveImage, as_png, colours
+from .progressive_image import ProgressiveImage, as_png
 
 #: A Mitsuba scene, the dictionary of one, or the path of a scene file in XML or in the thesis's scene language.
 AnyScene: TypeAlias = "mi.Scene | Mapping[str, Any] | str | Path"
@@ -48,6 +48,8 @@ class Result:
     noise_at_most: float
     #: The errors that the image has reached, and what ended the render, in words.
     verdict: str
+    #: The linear colours of the image, shape (height, width, 3).
+    colours: np.ndarray
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.image, dtype=dtype)
@@ -60,11 +62,6 @@ class Result:
 
     def __repr__(self) -> str:
         return f"<{self.verdict}>"
-
-    @property
-    def colours(self) -> np.ndarray:
-        """The linear colours of the image, shape (height, width, 3)."""
-        return colours(np.array(self))
 
     def _repr_html_(self) -> str:
         layers = {"image": self.colours, "standard error": self.error, "samples": self.samples}
@@ -157,12 +154,13 @@ def converge(
     )
     told = why_black or verdict(image.render, image.final, interrupted, integrator)
     return Result(
-        mi.TensorXf(layers["final"]) if denoise else image.render.image(),
+        image.developed(),
         layers.get("error", image.render.error()),
         image.render.counts(),
         reached.noise,
         bound,
         f"{told}. {lost}" if lost else told,
+        layers["final"],
     )
 
 

@@ -55,9 +55,29 @@ def whole(props: mi.Properties, name: str, default: int | None, low: int, high: 
 def choice(props: mi.Properties, name: str, allowed: Sequence[str], default: str | None = None) -> str:
     """Reads ``name``, one of the words ``allowed``, by default the first; raises ValueError for others."""
     value = props.get(name, allowed[0] if default is None else default)
-    if value not in allowed:
+    if not isinstance(value, str) or value not in allowed:
         raise reject(props, name, value, "one of " + ", ".join(allowed) if len(allowed) > 2 else " or ".join(allowed))
     return value
+
+
+def text(props: mi.Properties, name: str, default: str = "") -> str:
+    """Reads the parameter ``name``, a text. Raises ValueError for other values."""
+    value = props.get(name, default)
+    if not isinstance(value, str):
+        raise reject(props, name, value, "a text")
+    return value
+
+
+def vector(props: mi.Properties, name: str, default: Sequence[float], allowed: str) -> list[float]:
+    """Reads the parameter ``name``, three finite numbers. Raises ValueError for other values; ``allowed`` are words."""
+    value = props.get(name, default)
+    try:
+        found = [float(v) for v in value]
+    except (TypeError, ValueError):
+        found = []
+    if len(found) != 3 or isinstance(value, str) or not all(map(isfinite, found)):
+        raise reject(props, name, found or value, allowed)
+    return found
 
 
 def flag(props: mi.Properties, name: str, default: bool = False) -> bool:
@@ -180,7 +200,10 @@ def constant_values(props: mi.Properties, name: str) -> list[float]:
         return []
     if isinstance(value, (str, bool)):
         raise reject(props, name, value, "a number, a colour or a texture")
-    return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
+    try:
+        return [float(v) for v in getattr(value, "values", value if hasattr(value, "__len__") else [value])]
+    except TypeError:  # such as an array of Dr.Jit
+        raise reject(props, name, value, "a number, a colour or a texture") from None
 
 
 def for_message(values: list[float]) -> float | list[float]:

@@ -120,6 +120,9 @@ def test_dictionary_that_would_end_mitsuba_is_refused(variant_rgb):
     wall = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap"}}}
     with pytest.raises(ValueError, match=r'node "wall.bsdf.reflectance": this bitmap has no filename'):
         mitsuba_prosim.render({**scene(), "wall": wall}, progress=False)
+    wall["bsdf"]["reflectance"] = None
+    with pytest.raises(ValueError, match=r'render: "wall.bsdf.reflectance" is None'):
+        mitsuba_prosim.render({**scene(), "wall": wall}, progress=False)
 
 
 def test_denoised_image_has_a_verdict(variant_rgb, denoiser):

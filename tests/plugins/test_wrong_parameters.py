@@ -46,7 +46,7 @@ NAMED = [
 #: Plugins, parameters, and words of the error.
 WRONG = [
     *((plugin, parameters, f'parameter "{name}" is |; allowed: ') for plugin, name, parameters in NAMED),
-    ("prosim_conductor", {"alpha": -0.1}, "alpha|-0.1|a number >= 0"),
+    ("prosim_conductor", {"alpha": -0.1}, "alpha|-0.1|a number between 0 and 1000"),
     ("prosim_conductor", {"distribution": "ggx"}, "distribution|ggx|beckmann, gaussian, phong"),
     ("prosim_conductor", {"exponent": 10.0, "alpha": 0.1}, 'alpha|"exponent"'),
     ("prosim_conductor", {"material": "Unobtainium"}, "material|Unobtainium|Cu_palik"),
@@ -95,6 +95,14 @@ WRONG = [
     ("prosim_denoised", {"a": {"type": "ptracer"}}, "takes samples from a sensor"),
     ("prosim_denoised", PATH | {"b": {"type": "path"}}, "takes samples from a sensor"),
     ("prosim_window", {"left": 2.0}, "left"),
+    ("prosim", {"aovs": 3}, 'parameter "aovs" is 3; allowed: a text'),
+    ("prosim", {"channels": True}, 'parameter "channels" is True; allowed: a text'),
+    ("prosim", {"adaptive": [1, 2, 3]}, 'parameter "adaptive" is |allowed: one of'),
+    ("prosim_conductor", {"material": [1, 2, 3]}, 'parameter "material" is |allowed: a text'),
+    ("prosim_conductor", {"alpha": 2000.0}, 'parameter "alpha" is 2000.0; allowed: a number between 0 and 1000'),
+    ("prosim_point", {"position": 2.0}, 'parameter "position" is 2.0; allowed: finite coordinates'),
+    ("prosim_point", {"position": "1, 2, 3"}, "parameter \"position\" is '1, 2, 3'; allowed: finite coordinates"),
+    ("prosim_point", CONE | {"direction": True}, 'parameter "direction" is True; allowed: a vector of finite length'),
     ("nrook", {"jitter": "none"}, 'parameter "jitter" is |allowed: multi or uniform'),
 ]
 

@@ -11,7 +11,7 @@ from ..optics import fresnel
 from ..optics.dispersion import index, optical_constant
 from ..optics.material import Evaluated, Material, reflectance, roughness
 from ..optics.nested import parts
-from ..parameters import choice, flag, reject
+from ..parameters import choice, flag, reject, text
 from ..registry import create, plugin
 
 #: Allowed values of the parameter ``fresnel`` -> the function that computes the reflectance.
@@ -151,7 +151,7 @@ def metal(props: mi.Properties) -> tuple[mi.Texture, mi.Texture]:
 
     Raises ValueError for wrong parameters, and RuntimeError if the files of a metal cannot be read.
     """
-    material = props.get("material", "none")
+    material = text(props, "material", "none")
     for name in ("eta", "k"):
         if material != "none" and name in props:
             raise reject(props, name, props[name], f'no "{name}" together with "material", which is {material!r}')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import drjit as dr
@@ -10,7 +9,7 @@ import mitsuba as mi
 
 from ..compat import box_of_point
 from ..light.source import Source
-from ..parameters import expose, reject
+from ..parameters import expose, reject, vector
 from ..registry import plugin
 
 
@@ -95,10 +94,7 @@ class Point(Source):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props, "intensity", '"position" and "direction"')
-        position = props.get("position", mi.ScalarPoint3f(0))
-        if not all(map(math.isfinite, position)):
-            raise reject(props, "position", list(position), "finite coordinates")
-        self.position = mi.Point3f(position)
+        self.position = mi.Point3f(vector(props, "position", (0, 0, 0), "finite coordinates"))
         if self.emission.is_spatially_varying():
             raise reject(props, "intensity", "a texture", "a colour, a spectrum or a number")
         dr.make_opaque(self.position)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import mitsuba as mi
 
-from ..parameters import reject
+from ..parameters import reject, text
 from ..registry import create
 
 #: Channels of statistics about the render; any other AOV is computed by Mitsuba's ``aov`` integrator.
@@ -110,7 +110,7 @@ def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:
     integrator of Mitsuba that computes the AOVs with other names; None if there are no other names. Raises ValueError
     for a name that is neither in :data:`OWN_AOVS` nor has the form ``name:type``.
     """
-    aovs = list(filter(None, map(str.strip, props.get("aovs", "").split(","))))
+    aovs = list(filter(None, map(str.strip, text(props, "aovs").split(","))))
     own, others = [aov for aov in aovs if aov in OWN_AOVS], [aov for aov in aovs if aov not in OWN_AOVS]
     if wrong := next((aov for aov in others if ":" not in aov), None):
         raise reject(props, "aovs", wrong, ", ".join(OWN_AOVS) + " or name:type as for the aov integrator")

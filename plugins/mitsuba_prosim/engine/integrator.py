@@ -20,6 +20,7 @@ from ..parameters import (
     number,
     pick_sensor,
     reject,
+    text,
     whole,
 )
 from ..sampling.nrook import JITTERS
@@ -68,7 +69,7 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
                 props, "adaptive", self.adaptive, "graded, neighbours or none, because noise needs many samples"
             )
         self.jitter = choice(props, "jitter", JITTERS)
-        self.channels = props.get("channels", "rgb").lower()
+        self.channels = text(props, "channels", "rgb").lower()
         if set(self.channels) - set("rgb"):
             raise reject(props, "channels", self.channels, "some of the letters r, g, b")
         self.band = whole(props, "band", 1 << 18, 1)  # maximum number of pixels of a work item

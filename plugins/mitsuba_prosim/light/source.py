@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..parameters import choice, constant_values, describe, expose, flag, for_message, number, reject
+from ..parameters import choice, constant_values, describe, expose, flag, for_message, number, reject, vector
 from ..registry import create
 from . import beam
 
@@ -45,9 +45,10 @@ class Source(mi.Emitter):
         self.direction = self.angle = self.exponent = None
         if self.uniform:
             return
-        direction = mi.ScalarVector3f(props.get("direction", mi.ScalarVector3f(0, -1, 0)))
+        allowed = "a vector of finite length > 0"
+        direction = mi.ScalarVector3f(vector(props, "direction", (0, -1, 0), allowed))
         if not 0 < dr.norm(direction) < math.inf:
-            raise reject(props, "direction", list(direction), "a vector of finite length > 0")
+            raise reject(props, "direction", list(direction), allowed)
         default, widest = (90.0, 90) if self.distribution == "spot" else (None, 180)
         self.direction = mi.Vector3f(direction)
         self.angle = mi.Float(number(props, "angle", default, 0, widest, open_below=True))

@@ -171,6 +171,7 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
     if str(mi.variant()).startswith("scalar"):
         raise RuntimeError(f"{caller}: scalar variants do not render progressively; use an llvm or cuda variant.")
     if isinstance(scene, Mapping):
+        refuse_none(caller, scene)
         check_parameters(mi.parser.parse_dict(mi.parser.ParserConfig(str(mi.variant())), dict(scene)))
         scene = mi.load_dict(dict(scene))
     if isinstance(scene, (str, Path)):
@@ -178,6 +179,15 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
             return SceneFile(scene, folder).load()
     require_scene(caller, scene)
     return scene
+
+
+def refuse_none(caller: str, entries: Mapping[str, Any], place: str = "") -> None:
+    """Raises ValueError, about ``caller``, for a value None in a scene's dictionary, which would end the process."""
+    for name, value in entries.items():
+        if value is None:
+            raise ValueError(f'{caller}: "{place}{name}" is None, which is no value of a scene; leave it out.')
+        if isinstance(value, Mapping):
+            refuse_none(caller, value, f"{place}{name}.")
 
 
 @contextmanager

@@ -137,7 +137,7 @@ def gaussian_polar(u: mi.Float, alpha: mi.Float) -> tuple[mi.Float, mi.Float]:
     return dr.sqrt(y), dr.sqrt(1 - y)
 
 
-BECKMANN = Distribution("beckmann", "alpha", (0, 1e3, "a number >= 0"), beckmann, beckmann_polar)
+BECKMANN = Distribution("beckmann", "alpha", (0, 1e3, "a number between 0 and 1000"), beckmann, beckmann_polar)
 GAUSSIAN = Distribution("gaussian", "alpha", (0, 2, "a number between 0 and 2"), gaussian, gaussian_polar)
 PHONG = Distribution("phong", "exponent", (0, 1e6, "a number between 0 and 1e6"), phong, phong_polar)
 DISTRIBUTIONS = {d.name: d for d in (BECKMANN, GAUSSIAN, PHONG)}

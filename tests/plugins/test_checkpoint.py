@@ -15,6 +15,7 @@ import pytest
 from mitsuba_prosim import atomic
 from mitsuba_prosim.engine import checkpoint, environment, plan
 from mitsuba_prosim.engine.checkpoint import Checkpoint, CheckpointError, CheckpointWriter, NotACheckpointError
+from scenes import penumbra
 
 SAMPLING = dict.fromkeys(plan.SAMPLING, 0) | {"adaptive": "none"}
 ATTRIBUTES = {
@@ -192,3 +193,10 @@ def test_a_checkpoint_is_written_every_few_seconds_and_seldom_if_that_takes_long
     with pytest.warns(UserWarning, match="full; the render continues") as said:
         until(clock[0] + 100)
     assert len(written) > 10 and len(said) == 1
+
+
+@pytest.mark.parametrize("wrong", [{"begin": "here.state.npz"}, {"part": (1, 4)}])
+def test_names_of_files_and_pairs_are_not_checkpoints_and_parts(variant_rgb, wrong):
+    scene = mi.load_dict(penumbra(size=4, type="prosim"))
+    with pytest.raises(TypeError, match=r"prosim: .* is .*; give a (Checkpoint|Part) of mitsuba_prosim.engine"):
+        scene.integrator().progressive(scene, **wrong)

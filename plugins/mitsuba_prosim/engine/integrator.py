@@ -184,8 +184,13 @@ class ProgressiveIntegrator(mi.SamplingIntegrator):
         whole image.
         """
         # Imported only for an image: NumPy and the engine are slow to import.
+        from .checkpoint import Checkpoint
         from .render import Render
+        from .tiles import Part
 
+        for name, value, kind in (("begin", begin, Checkpoint), ("part", part, Part)):
+            if not isinstance(value, kind | None):
+                raise TypeError(f"{self.name}: {name} is {value!r}; give a {kind.__name__} of {kind.__module__}.")
         if not dr.is_jit_v(mi.Float):
             raise RuntimeError(
                 f"{self.name}: scalar variants cannot render progressively; use an llvm or cuda variant."

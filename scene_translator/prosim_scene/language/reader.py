@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 from .. import model
@@ -214,7 +213,7 @@ class Reader(Scanner):
         allowed = words.INDEX if keyword.role == "USE" else find_word(keyword.role, keyword.text).numbers
         self.wanted, self.number_tokens = (keyword.text, allowed), [first] if first and first.role == "NUMBER" else []
         if self.number_tokens or not first:
-            expected = _numbers_or(follow, allowed.flags)
+            expected = follow | ({"NUMBER", "BOOL"} if allowed.flags else {"NUMBER"})
             while self.read_token(expected).role in ("NUMBER", "BOOL"):
                 self.number_tokens.append(self.token)
         self.wanted = None
@@ -576,14 +575,6 @@ class Reader(Scanner):
         names += list(self.fields["solids"])[:20] if "USE" in roles else ()
         names = [self.source.spellings.get(name, name) for name in names]
         return names + ["the next statement" if inner else "a statement"] * bool(roles & STATEMENTS)
-
-
-@cache
-def _numbers_or(follow: frozenset[str], flags: bool) -> frozenset[str]:
-    """Returns the roles ``follow`` and those of numbers: the same object for equal arguments, so that the cache of
-    :func:`.role_of` finds it sooner.
-    """
-    return follow | ({"NUMBER", "BOOL"} if flags else {"NUMBER"})
 
 
 def _texture(token: Token) -> model.Texture | None:

@@ -157,9 +157,9 @@ def tessellate(
     cut_media = csg.count_cut_media(tree, media_of)
     table = leaves_of(document, camera, tolerance, cut_media > 1, meshes)
     reflects = tuple(number == OPAQUE and look.fresnel for number, look in zip(media_of, looks))
+    evaluate = partial(_surface_mesh, document, tree, media_of, any(reflects), cut_media > 0)
     faces = cache.surface_for(
-        (tuple(tree), tuple(media_of), reflects, table.cache_key()),
-        lambda: _sound_surface_mesh(document, table, tree, media_of, any(reflects), cut_media > 0),
+        (tuple(tree), tuple(media_of), reflects, table.cache_key()), lambda: _sound_surface_mesh(evaluate, table)
     )
     warn_of_rounding(document, camera, faces.triangles.vertices)
     is_wall = np.repeat(np.array([inside == OPAQUE for _, inside, _ in faces.kinds], bool), np.diff(faces.starts))
@@ -257,26 +257,24 @@ def manifold(mesh: Mesh, first: int, original_id: int) -> Manifold:
 TURN = matrices([Transform(tuple(Step(f"rotate-{axis}", (11.3 + i,)) for i, axis in enumerate("xyz")))])[0]
 
 
-def _sound_surface_mesh(
-    document: Document, table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
-) -> SurfaceMesh:
-    """Returns the surface mesh of the evaluated CSG tree.
+def _sound_surface_mesh(evaluate: Callable[[Leaves], SurfaceMesh], table: Leaves) -> SurfaceMesh:
+    """Returns the surface mesh of the evaluated CSG tree, which ``evaluate`` makes.
 
     In rare cases, where solids meet in an edge, the result of manifold3d has wrong triangles. The solids are then
     evaluated again after a rotation, and the result is turned back.
     """
-    faces = _surface_mesh(document, table, tree, media_of, fresnel, cutters)
+    faces = evaluate(table)
     if not faces.wrong:
         return faces
     solids = [replace(s, to_world=TURN @ s.to_world) for s in table.solids]
-    turned = _surface_mesh(document, replace(table, solids=solids), tree, media_of, fresnel, cutters)
+    turned = evaluate(replace(table, solids=solids))
     mesh, turn = turned.triangles, TURN[:3, :3]
     mesh.vertices, mesh.normals = (mesh.vertices - table.origin) @ turn + table.origin, mesh.normals @ turn
     return faces if turned.wrong else turned
 
 
 def _surface_mesh(
-    document: Document, table: Leaves, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray
+    document: Document, tree: csg.Tree, media_of: list[int], fresnel: bool, cutters: np.ndarray, table: Leaves
 ) -> SurfaceMesh:
     """Evaluates the CSG tree; returns the triangles of the result, sorted by kind, with their normals and uv."""
     meshes = tessellation_of(table)

@@ -37,8 +37,8 @@ def warn_of_enclosure(
         owner = _opaque_owner(tree, inside[table.of_leaf], opaque) if inside.any() else np.array([-1])
         if (owner >= 0).any():
             number = numbers[int(owner.max())]
-            solid_name = " ".join(document.text_of("csg", number).split()[:2])
             part = "" if (owner >= 0).all() else "a part of "
+            solid_name = document.name_of(number, whole=True)
             reason = f"{part}{name} is inside {solid_name} (line {document.line('csg', number)}), which is opaque"
             document.warn(f"{reason}; move it out of the solid", *path)
         elif path == ("view", "eye"):

@@ -23,7 +23,7 @@ import numpy as np
 
 from .grouping import group_equal, sweep
 from .primitives import Primitive, Torus, primitive_of
-from .solids import Solid, world_box_corners
+from .solids import Solid, world_boxes
 
 INSIDE = 1e-6  # how far a face that touches another face from inside may be outside, relative to the outer face
 BATCH = 1 << 16  # the number of pairs of a solid and a tangent plane that are tested at a time
@@ -107,14 +107,13 @@ def _enclosed(solids: Sequence[Solid], order: np.ndarray) -> Iterator[tuple[np.n
     :class:`Contacts`. ``order`` (n,) has the ranks of :func:`_order`.
     """
     curved = np.flatnonzero([s.primitive.curved is not None for s in solids])
-    boxes = world_box_corners([solids[i] for i in curved.tolist()])
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
     to_local, is_ball = np.linalg.inv(to_world), np.array([s.primitive.axes == 3 for s in solids], bool)
     hulls = np.array([s.primitive.hull for s in solids]).reshape(-1, 2)
     is_cylinder = np.array([s.primitive.name == "cylinder" for s in solids], bool)
     convex = curved[hulls[curved, 0] == 0]  # a torus has no tangent planes
     of_primitive = group_equal(solids[i].primitive for i in convex.tolist())
-    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
+    for pairs in sweep(*world_boxes([solids[i] for i in curved.tolist()])):
         inner, outer = curved[np.concatenate([pairs, pairs[::-1]], axis=1)]
         compared = (order[inner] < order[outer]) & (is_ball[inner] | is_cylinder[inner] & is_cylinder[outer])
         for primitive, numbers in of_primitive.items():
@@ -133,11 +132,8 @@ def _cones_in_cones(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]
     """Yields items as :func:`_enclosed` does: pairs of parallel cones whose sides are nearly parallel, too."""
     cones = np.flatnonzero([s.primitive.name == "cone" for s in solids])
     of_cones = [solids[i] for i in cones.tolist()]
-    boxes, to_world = world_box_corners(of_cones), np.array([s.to_world for s in of_cones]).reshape(-1, 4, 4)
     bottoms, primitive = np.array([s.primitive.box[0][2] for s in of_cones]), primitive_of("cone")
-    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
-        i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
-        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+    for i, j, relative in _touching(of_cones):
         tilt, height = np.abs(relative[:, [0, 1, 2, 2], [2, 2, 0, 1]]).max(axis=1), relative[:, 2, 2]
         low = np.maximum(bottoms[j], relative[:, 2, 3] + height * bottoms[i])
         high = np.minimum(1, relative[:, 2, 3] + height)
@@ -159,16 +155,23 @@ def _cones_in_cones(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]
             yield cones[i[near]], cones[j[near]], end[near], end_loss[near]
 
 
+def _touching(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yields pairs of solids whose boxes touch, each pair in both orders: the solids' numbers i and j (k,), and the
+    maps (k, 3, 4) from the space of i to that of j.
+    """
+    to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
+    for pairs in sweep(*world_boxes(solids)):
+        i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
+        yield i, j, np.linalg.solve(to_world[j], to_world[i])[:, :3]
+
+
 def near_tori(tori: Sequence[Solid]) -> np.ndarray:
     """Returns, for each torus, the number of the first one with nearly the same surface, whose facets it gets."""
-    boxes, to_world = world_box_corners(tori), np.array([s.to_world for s in tori]).reshape(-1, 4, 4)
     radius, pairs = np.array([s.primitive.hull[1] for s in tori]), [np.empty((2, 0), int)]
-    for found in sweep(boxes.min(axis=1), boxes.max(axis=1)):
-        i, j = np.sort(found, axis=0)
-        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+    for i, j, relative in _touching(tori):
         stretch = relative[..., :3].transpose(0, 2, 1) @ relative[..., :3] - np.eye(3)
         different = [stretch.reshape(-1, 9), relative[:, 2, :2], relative[..., 3], (radius[i] - radius[j])[:, None]]
-        near = np.abs(np.concatenate(different, axis=1)).max(axis=1) < SIMILAR * radius[j]
+        near = (i < j) & (np.abs(np.concatenate(different, axis=1)).max(axis=1) < SIMILAR * radius[j])
         pairs.append(np.stack([i, j])[:, near])
     result = np.arange(len(tori))
     for i, j in sorted(np.concatenate(pairs, axis=1).T.tolist()):
@@ -185,13 +188,10 @@ def _balls_in_tori(solids: Sequence[Solid]) -> Iterator[tuple[np.ndarray, ...]]:
     radii = {i: s.primitive.radius for i, s in enumerate(solids) if isinstance(s.primitive, Torus)}
     chosen = np.array([i for i, s in enumerate(solids) if radii and (i in radii or s.primitive.name == "sphere")], int)
     of_chosen, sphere = [solids[i] for i in chosen.tolist()], primitive_of("sphere")
-    boxes, to_world = world_box_corners(of_chosen), np.array([s.to_world for s in of_chosen]).reshape(-1, 4, 4)
     radius = np.array([radii.get(i, 0.0) for i in chosen.tolist()])
     hulls = np.array([s.primitive.hull for s in of_chosen]).reshape(-1, 2)
-    for pairs in sweep(boxes.min(axis=1), boxes.max(axis=1)):
-        i, j = np.concatenate([pairs, pairs[::-1]], axis=1)
-        i, j = np.stack([i, j])[:, radius[j] > 0]
-        relative = np.linalg.solve(to_world[j], to_world[i])[:, :3]
+    for i, j, relative in _touching(of_chosen):
+        i, j, relative = (column[radius[j] > 0] for column in (i, j, relative))
         products = relative.transpose(0, 2, 1) @ relative
         different = [products[:, 0, 0] - products[:, 1, 1], products[:, 0, 1]]
         different += [relative[:, k, axis] for k, axis in ((0, 2), (1, 2), (2, 0), (2, 1), (0, 3), (1, 3))]

@@ -25,7 +25,7 @@ from .contacts import adapt, find_contacts
 from .csg import Tree, fold, tree_of
 from .grouping import group_equal
 from .primitives import MAX_SEGMENTS, MIN_SEGMENTS, OUTSIDE_TOLERANCE
-from .solids import IDENTITY, Solid, unit_mesh
+from .solids import IDENTITY, Solid, plane_heights, unit_mesh
 
 #: A bounding ball of an operand, the number of its first leaf, and the number after its last leaf.
 _Operand = tuple[np.ndarray, int, int]
@@ -194,10 +194,7 @@ def _inradius(solid: Solid, zone: np.ndarray) -> float:
     corners = mesh.vertices[mesh.triangles]
     middle = corners.mean(axis=1)
     reach = zone[3] + np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
-    a, b, c = (own.vertices[own.triangles[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    heights = np.abs(np.einsum("ij,ij->i", normals, a)) / np.linalg.norm(normals, axis=1)
-    near = heights[np.linalg.norm(middle - zone[:3], axis=1) < reach].min(initial=1)
+    near = np.abs(plane_heights(own))[np.linalg.norm(middle - zone[:3], axis=1) < reach].min(initial=1)
     return max(float(near), solid.inradius)  # large facets far from the cap may only seem to reach the zone
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..language.document import Document, Path
 from .csg import Tree, fold
 from .leaves import Leaves
-from .solids import world_box_corners
+from .solids import world_boxes
 
 #: Directions from the centre of a spherical light to its tested points: to the faces and the corners of a cube.
 DIRECTIONS = np.concatenate([np.eye(3), -np.eye(3), np.indices((2, 2, 2)).reshape(3, 8).T * 2 / 3**0.5 - 1 / 3**0.5])
@@ -23,8 +23,7 @@ def warn_of_enclosure(
 
     ``opaque`` is for each leaf; ``boundary`` returns the triangles (n, 3, 3) of all opaque solids.
     """
-    corners = world_box_corners(table.solids)
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    low, high = world_boxes(table.solids)
     numbers = [number for number, _ in document.scene.leaves]
     around_eye = np.zeros(len(low), bool)
     hollow: list[tuple[Path, str, np.ndarray]] = []  # lights, each in a solid in which the eye is not

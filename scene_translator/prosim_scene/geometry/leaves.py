@@ -14,7 +14,7 @@ from .contacts import near_tori
 from .detail import with_segments
 from .grouping import group_equal
 from .primitives import CornerAttributes, Cube, Mesh, Primitive, Torus, box_corners, primitive_of
-from .solids import Solid, matrices, world_box_corners
+from .solids import Solid, matrices, world_boxes
 
 #: How far a PLANE extends, relative to the size of the scene.
 EXTENT = 100
@@ -103,7 +103,7 @@ def _distinct(document: Document, meshes: Mapping[str, Primitive]) -> Leaves:
         keys = list(zip(primitives, map(bytes, to_world)))
         distinct = [numbers[0] for numbers in group_equal(keys).values()]
         solids = [Solid(primitives[i], to_world[i] @ primitives[i].placement) for i in distinct]
-        boxes = world_box_corners(solids)
+        boxes = np.stack(world_boxes(solids), axis=1)
     _check_transforms(document, [leaves[i].index for i in distinct], to_world[distinct], boxes)
     numbers = {keys[i]: number for number, i in enumerate(distinct)}
     corners = _bounded_corners(solids)
@@ -116,9 +116,9 @@ def _distinct(document: Document, meshes: Mapping[str, Primitive]) -> Leaves:
 
 
 def _bounded_corners(solids: Sequence[Solid]) -> np.ndarray:
-    """Returns the corners (n, 3) of the boxes of all solids except PLANEs; of the PLANEs if there is nothing else."""
+    """Returns points (n, 3) that the boxes of all solids except PLANEs enclose; PLANEs if there is nothing else."""
     bounded = np.array([s.primitive.name != "plane" for s in solids])
-    return world_box_corners(solids)[bounded | ~bounded.any()].reshape(-1, 3)
+    return np.concatenate(world_boxes([s for s, chosen in zip(solids, bounded | ~bounded.any()) if chosen]))
 
 
 def _bounded(leaves: Leaves, camera: Camera) -> Leaves:
@@ -149,8 +149,8 @@ def _with_shared_surfaces(document: Document, leaves: Leaves, cuts_several_media
     uses = np.bincount(of_leaf) + np.bincount(of_leaf, cuts_several_media)
     counts = [len(s.primitive.quadrics) for s in solids]
     solid = np.repeat(np.arange(len(solids)), counts)
-    boxes = world_box_corners(solids)[solid]
-    low, high = boxes.min(axis=1) - thickness, boxes.max(axis=1) + thickness
+    low, high = world_boxes(solids)
+    low, high = low[solid] - thickness, high[solid] + thickness
     quadrics = np.concatenate([s.primitive.quadrics for s in solids])
     to_world = np.array([s.to_world for s in solids])[solid]
     surface, (difference, *pair) = same_surfaces(quadrics, to_world, low, high) if any(counts) else (solid, (0.0,))

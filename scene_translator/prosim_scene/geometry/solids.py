@@ -74,16 +74,24 @@ def inradius(primitive: Primitive, segments: int) -> float:
     if primitive.name != "sphere":
         return math.cos(primitive.segment_factor * math.pi / segments)
     mesh = unit_mesh(primitive, segments)
+    return float(plane_heights(mesh).min())
+
+
+def plane_heights(mesh: Mesh) -> np.ndarray:
+    """Returns the height of each triangle's plane over the origin, below 0 if the origin is outside of the plane."""
     a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
-    return float((np.einsum("ij,ij->i", normals, a) / np.linalg.norm(normals, axis=1)).min())
+    return np.asarray(np.einsum("ij,ij->i", normals, a) / np.linalg.norm(normals, axis=1))
 
 
-def world_box_corners(solids: Sequence[Solid]) -> np.ndarray:
-    """Returns the corners (n, 8, 3) of the bounding boxes of n solids' primitives, transformed to world coordinates."""
+def world_boxes(solids: Sequence[Solid]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the minimum and the maximum corners (n, 3) of boxes, in world coordinates, around the boxes of n solids'
+    primitives.
+    """
     own = np.array([s.primitive.box_corners for s in solids]).reshape(-1, 8, 3)
     to_world = np.array([s.to_world for s in solids]).reshape(-1, 4, 4)
-    return np.asarray(own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3])
+    corners = own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3]
+    return corners.min(axis=1), corners.max(axis=1)
 
 
 AXES = {"rotate-x": (1, 2), "rotate-y": (2, 0), "rotate-z": (0, 1)}  # turns the first axis towards the second

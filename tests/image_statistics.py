@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 import scipy
+from scenes import T, film, rectangle
 
 FOLDER = Path(__file__).parents[1] / "build" / "failed-images"
 
@@ -32,6 +33,21 @@ def renderings(scene, count, spp=0, first_seed=0, **integrator):
         scene = {**scene, "integrator": integrator}
     loaded = mi.load_dict(scene)
     return np.stack([np.array(mi.render(loaded, seed=first_seed + k, spp=spp)) for k in range(count)]).astype(float)
+
+
+def cards(bsdfs, side, lamps, turn=0, **how):
+    """R, G, B and alpha of the pixels of cards in one plane, which send no light to one another: (cards, pixels, 4).
+    Each card is turned by ``turn`` degrees, and ``side`` pixels wide; where a BSDF is None, there is no card.
+    """
+    n = len(bsdfs)
+    to_world = T().look_at([n, 0, 5], [n, 0, 0], [0, 1, 0]).scale([n, n, 1])
+    pixels = film(side * n, side, pixel_format="rgba", component_format="float32")
+    scene = {"type": "scene", "sensor": {"type": "orthographic", "to_world": to_world, "film": pixels}, **lamps}
+    for k, bsdf in enumerate(bsdfs):
+        if bsdf is not None:
+            scene[f"card {k}"] = rectangle(T().translate([2 * k + 1, 0, 0]).rotate([0, 1, 0], turn), bsdf=bsdf)
+    image = renderings(scene, 1, **how)[0]
+    return image.reshape(side, n, side, 4).transpose(1, 0, 2, 3).reshape(n, -1, 4)
 
 
 def blocks(images, size=8):

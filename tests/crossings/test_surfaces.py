@@ -10,6 +10,7 @@ import gc
 import mitsuba as mi
 import numpy as np
 import pytest
+from image_statistics import cards
 from mitsuba_prosim import registry
 from scenes import FLAT, T, area, bitmap, film, load_scene, plugins_of_mitsuba, rectangle
 
@@ -74,20 +75,10 @@ def materials():
     return found | {"rough phong": {"type": "prosim_phong", "exponent": 20.0}}
 
 
-def statistics(cards, lamp, integrator):
-    """``(mean, variance)`` of R, G and B for each of the ``cards``: of a pixel with :data:`SAMPLES` samples. The cards
-    lie in one plane, so no light goes from one to another.
-    """
-    shapes = {f"card{k}": rectangle(T().translate([2 * k + 1, 0, 0]), bsdf=bsdf) for k, bsdf in enumerate(cards)}
-    n = len(cards)
-    to_world = T().look_at([n, 0, 10], [n, 0, 0], [0, 1, 0]).scale([n, n, 1])
-    pixels = film(SIDE * n, SIDE, component_format="float32")
-    scene = load_scene(
-        sensor={"type": "orthographic", "to_world": to_world, "film": pixels}, lamp=light(lamp), **shapes
-    )
-    image = np.array(mi.render(scene, integrator=mi.load_dict(integrator), spp=SAMPLES, seed=4))
-    assert np.isfinite(image).all()
-    pixels = image[..., :3].reshape(SIDE, n, SIDE, 3).transpose(1, 0, 2, 3).reshape(n, -1, 3).astype(float)
+def statistics(bsdfs, lamp, integrator):
+    """``(mean, variance)`` of R, G and B for a card of each of ``bsdfs``: of a pixel with :data:`SAMPLES` samples."""
+    pixels = cards(bsdfs, SIDE, {"lamp": light(lamp)}, spp=SAMPLES, first_seed=4, **integrator)[..., :3]
+    assert np.isfinite(pixels).all()
     return pixels.mean(1), pixels.var(1, ddof=1)
 
 

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from image_statistics import renderings, same_expectation
+from image_statistics import cards, renderings, same_expectation
 from mitsuba_prosim.compare.methods import with_background_emitter
 from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport import lobes, workarounds
@@ -135,19 +135,9 @@ def in_bumps(bsdf):
 
 
 def row_of_cards(bsdfs, lamps, turn=0, **integrator):
-    """R, G, B and alpha of cards side by side in one plane: the means and their standard errors, of shape (cards, 4);
-    where a BSDF is None, there is no card. Each card is turned by ``turn`` degrees.
-    """
-    n, side = len(bsdfs), 8
-    to_world = T().look_at([n, 0, 5], [n, 0, 0], [0, 1, 0]).scale([n, n, 1])
-    pixels = film(side * n, side, pixel_format="rgba")
-    scene = {"type": "scene", "sensor": {"type": "orthographic", "to_world": to_world, "film": pixels}, **lamps}
-    for k, bsdf in enumerate(bsdfs):
-        if bsdf is not None:
-            scene[f"card {k}"] = rectangle(T().translate([2 * k + 1, 0, 0]).rotate([0, 1, 0], turn), bsdf=bsdf)
-    image = renderings(scene, 1, spp=100, **integrator)[0]
-    values = image.reshape(side, n, side, 4).transpose(1, 0, 2, 3).reshape(n, -1, 4)
-    return values.mean(1), values.std(1, ddof=1) / side
+    """The means of :func:`cards` and their standard errors, of shape (cards, 4)."""
+    values = cards(bsdfs, 8, lamps, turn, spp=100, **integrator)
+    return values.mean(1), values.std(1, ddof=1) / 8
 
 
 @bounces

@@ -9,6 +9,7 @@ from pathlib import Path
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import OpenEXR
 import pytest
 from mitsuba_prosim.compat import EXR_THREADS
 
@@ -156,6 +157,12 @@ def in_threads(count, function, *arguments, **named):
 def read_exr(path):
     """The bitmap in an EXR, which Mitsuba 3.9 waits for forever where it has one thread or two."""
     return in_threads(EXR_THREADS, mi.Bitmap, str(path))
+
+
+def channels(path):
+    """The channels of an EXR by their names."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: np.array(channel.pixels, dtype=float) for name, channel in file.channels().items()}
 
 
 def kernels(act):

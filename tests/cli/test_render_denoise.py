@@ -6,6 +6,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from running import LIT_FLOOR, done, metadata, pixels, refused, scene_text
+from scenes import channels
 
 OURS = scene_text('<integrator type="prosim"><integer name="samples" value="4"/></integrator>', LIT_FLOOR)
 PATH = '<integrator type="path"/>'
@@ -87,11 +88,6 @@ SCENE = scene_text(
 def image(tmp_path, write_scene):
     done("render", write_scene(SCENE, "two.xml"), "--layers", "lights")
     return tmp_path / "two.exr"
-
-
-def channels(path):
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: np.array(channel.pixels, dtype=float) for name, channel in file.channels().items()}
 
 
 def test_lamps_are_dimmed_and_coloured(image, tmp_path):

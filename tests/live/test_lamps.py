@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 from little import BROWSER, LITTLE, ask, opened, shown, state_when, watching
 from prosim_start import group
-from scenes import read_exr
+from scenes import channels, read_exr
 from waiting import until
 
 pytestmark = pytest.mark.slow
@@ -25,12 +25,6 @@ def image(address, layer, query=""):
     answer, content = ask(address, f"layer/{layer}{query}")
     shape = int(answer.getheader("X-Height")), int(answer.getheader("X-Width")), 3
     return np.frombuffer(content, "<f4").reshape(shape)
-
-
-def channels(path):
-    values = read_exr(path)
-    names = [field.name for field in values.struct_()]
-    return dict(zip(names, np.moveaxis(np.array(values, dtype=np.float32), 2, 0)))
 
 
 def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):

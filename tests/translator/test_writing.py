@@ -97,17 +97,17 @@ def test_a_file_of_the_users_in_the_way_is_an_error(scene, obstacle):
 
 @pytest.fixture
 def failing(monkeypatch):
-    """Lets a function of ``os`` fail with an error where a condition holds for its arguments."""
+    """Lets a function of ``os``, or a method of Path, fail with an error where a condition holds for its arguments."""
 
-    def fail(name, number, condition):
-        real = getattr(os, name)
+    def fail(name, number, condition, owner=os):
+        real = getattr(owner, name)
 
         def function(*arguments, **keywords):
             if condition(*arguments):
                 raise OSError(number, os.strerror(number), str(arguments[0]))
             return real(*arguments, **keywords)
 
-        monkeypatch.setattr(os, name, function)
+        monkeypatch.setattr(owner, name, function)
 
     return fail
 
@@ -149,6 +149,14 @@ def test_a_full_disk_is_a_scene_error_and_leaves_nothing(scene, failing):
     with pytest.raises(SceneError, match="No space left on device"):
         prosim_scene.translate(scene, scene.parent / "new" / "deep", tolerance=1)
     assert everything(scene.parent) == before and os.listdir(scene.parent) == ["s.scn"]
+
+
+@pytest.mark.parametrize("owner, function", [(Path, "write_bytes"), (os, "replace")])
+def test_a_full_disk_leaves_a_rewritten_file_as_it_was(scene, failing, owner, function):
+    failing(function, errno.ENOSPC, lambda *_: True, owner)
+    with pytest.raises(SceneError, match=r"s.scn: No space left on device; the file is unchanged"):
+        prosim_scene.rewrite(scene, "END\n")
+    assert scene.read_text() == SCENE.format(1) and os.listdir(scene.parent) == ["s.scn"]
 
 
 def test_the_folder_of_meshes_may_be_on_another_disk(scene, failing):

@@ -351,13 +351,6 @@ def test_old_names_of_parameters_are_known(scene, variant_rgb):
     assert loaded.integrator().max_level == 2 and loaded.sensors()[0].sampler().sample_count() == 4
 
 
-@pytest.mark.parametrize("plugin", ["perspective", "sphere", "rectangle", "directional"])
-def test_an_unknown_parameter_of_any_plugin_is_refused(scene, plugin):
-    text = scene_text(content=LIT_FLOOR + '<emitter type="directional"></emitter>')
-    scene.write_text(text.replace(f'"{plugin}">', f'"{plugin}"><float name="unheard_of" value="1"/>', 1))
-    refused("has no parameter unheard_of", "render", scene)
-
-
 @pytest.mark.parametrize("nested", ["path", "prosim", "prosim_adaptive", "aov"])
 def test_target_goes_to_the_integrator_that_prosim_denoised_nests(scene, variant_rgb, nested):
     inner = "" if nested in ("path", "prosim") else '<integrator type="path"/>'
@@ -385,6 +378,7 @@ def test_sensor_without_a_film_gets_the_size(scene, arguments):
 
 #: A crop window without pixels, and a shape from a file that does not exist.
 EMPTY = '<integer name="crop_width" value="{}"/><integer name="crop_height" value="{}"/></film>'
+LIT = scene_text(content=LIT_FLOOR + '<emitter type="directional"></emitter>')
 HAIR = '<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'
 
 
@@ -403,6 +397,10 @@ def ball(plugin, parameter):
         (scene_text(sampler="stratified", spp=0), "in the sampler stratified; give 1"),
         (scene_text('<integrator type="prosim"/>', sampler="nrook", spp=0), "in the sampler nrook; give 1"),
         *[(XML.replace("</film>", EMPTY.format(*size)), "the crop window") for size in ((0, 4), (4, -1))],
+        *[
+            (LIT.replace(f'"{plugin}">', f'"{plugin}"><float name="unheard_of" value="1"/>', 1), "parameter unheard_of")
+            for plugin in ("perspective", "sphere", "rectangle", "directional")
+        ],
         (ball("lambertian", '<rgb name="kd" value="1"/>'), "parameter kd; it has reflectance, ambient\n"),
         (ball("phong", '<float name="exponnt" value="9"/>'), "exponnt. Did you mean exponent?\n"),
         (ball("conductor", '<string name="material" value="Copper"/>'), "allowed: none, Ag, Al"),

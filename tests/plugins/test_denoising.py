@@ -277,12 +277,6 @@ def test_render_in_every_variant(variant, denoiser):
     assert found.final.shape[:2] == (8, 8) and np.isfinite(found.final).all() and found.raw.mean() > 0
 
 
-def test_films_without_colours_are_refused(variant_spectral):
-    bands = mi.load_dict({"type": "specfilm", "width": 4, "height": 4, "band": {"type": "d65"}})
-    with pytest.raises(ValueError, match="use an hdrfilm"):
-        halves.check(bands)
-
-
 # ---------------------------------------------------------------- as an integrator
 
 
@@ -349,11 +343,18 @@ def test_image_of_aov_is_denoised_beside_all_channels_of_aov(variant_rgb, denois
     assert channels["d.T"].mean() == pytest.approx(depth.mean(), rel=0.02)
 
 
-def test_the_integrator_refuses_other_films(variant_rgb):
+@pytest.mark.parametrize(
+    "film, says",
+    [
+        ({"type": "specfilm", "band": {"type": "d65"}}, "use an hdrfilm"),
+        ({"type": "hdrfilm", "pixel_format": "xyz"}, "its colours are X, Y, Z"),
+    ],
+)
+def test_the_integrator_refuses_other_films(variant_spectral, film, says):
     scene = penumbra(type="prosim_denoised", nested={"type": "path"})
-    scene["sensor"]["film"]["pixel_format"] = "xyz"
+    scene["sensor"]["film"] = {"width": 4, "height": 4, **film}
     scene = mi.load_dict(scene)
-    with pytest.raises(ValueError, match="its colours are X, Y, Z"):
+    with pytest.raises(ValueError, match=says):
         scene.integrator().render(scene, spp=4)
 
 

@@ -246,14 +246,15 @@ def test_sensor_without_defaults(variant_rgb, settings):
     assert compared(room, settings, WHOLE)
 
 
-@pytest.mark.parametrize("wrapper", [None, "twosided"])
+@pytest.mark.parametrize("wrapper, flags", [(None, 0), ("twosided", 0), ("twosided", mi.BSDFFlags.DiffuseReflection)])
 @pytest.mark.parametrize("ours", [TREE, PATHS, {"type": "prosim_adaptive", "nested": {"type": "path"}}])
-def test_bsdf_without_flags_is_warned_of(variant_rgb, logged, ours, wrapper):
+def test_bsdf_without_flags_is_warned_of(variant_rgb, logged, ours, wrapper, flags):
     """Integrators cannot know what it scatters; Mitsuba's ``path`` loses a part of its light without a word."""
 
     class Flagless(two_lobes(typed=False, ideal=False)):
         def __init__(self, props):
             mi.BSDF.__init__(self, props)
+            self.m_flags = flags
 
     mi.register_bsdf("users_flagless", Flagless)
     bsdf = {"type": "users_flagless"}

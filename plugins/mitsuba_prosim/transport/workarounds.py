@@ -98,13 +98,16 @@ def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
 
 
 def warn_of_missing_flags(scene: mi.Scene) -> None:
-    """Warns of BSDFs of users that have no ``m_flags``, by which integrators know what a surface scatters."""
-    bsdfs = [one for bsdf in all_bsdfs(scene) for one in of_users(bsdf)]
-    if lost := sorted({type(one).__name__ for one in bsdfs if not int(one.flags())}):
+    """Warns of BSDFs of users without ``m_flags``, by which integrators know what a surface scatters, or without
+    ``m_components``, from which ``twosided`` computes them.
+    """
+    flagless = [one for bsdf in all_bsdfs(scene) for one in all_within(bsdf) if not int(one.flags())]
+    if lost := sorted({type(one).__name__ for bsdf in flagless for one in of_users(bsdf)}):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: surfaces of {', '.join(lost)} scatter no light or too little: their class sets no m_flags. Set "
-            "m_components and m_flags in __init__, for example to BSDFFlags.DiffuseReflection | BSDFFlags.FrontSide.",
+            f"prosim: surfaces of {', '.join(lost)} scatter no light or too little: their class sets no m_flags or "
+            "m_components. Set both in __init__, such as m_flags = BSDFFlags.DiffuseReflection | BSDFFlags.FrontSide "
+            "and m_components = [m_flags].",
         )
 
 

@@ -19,8 +19,8 @@ BLACK = 0.5 / 255 / 12.92
 #: Number of camera rays per side of the image.
 SIDE = 64
 
-#: Maximum number of mirrors and glass surfaces that a camera ray passes; an unlimited depth in Mitsuba's integrators.
-PASSED, UNLIMITED = 16, (1 << 32) - 1
+#: Maximum number of mirrors and glass surfaces that a camera ray passes.
+PASSED = 16
 
 #: Advice for an image that is too dark; ``{}`` is the exposure in stops.
 IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the PNG"
@@ -135,12 +135,12 @@ def innermost(integrator: Any) -> Any:
 def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
     """Returns the parameter of an integrator that limits the depth of rays, in words, and the maximum number of
     reflections and refractions before the last surface whose light from lamps it finds. The number is negative if there
-    is no such surface, and infinite without a limit.
+    is no such surface, and infinite or huge without a limit.
     """
     text = description(integrator)
     if depth := re.search(r"max_depth = (\d+)", text):
         most = int(depth[1])
-        return f"max_depth = {most}", most - 2 if most < UNLIMITED else math.inf
+        return f"max_depth = {most}", most - 2
     level = getattr(innermost(integrator), "max_level", math.inf)
     if text.startswith("DirectIntegrator"):
         return "the integrator direct", 0

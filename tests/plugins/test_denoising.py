@@ -109,6 +109,19 @@ def test_one_bright_sample_brightens_the_image_little():
     np.testing.assert_allclose(found, (1 + LIGHT) * image, rtol=1e-5)
 
 
+@pytest.mark.parametrize("levels, times", [(0, 3), (1, 2), (4, 2)])
+def test_blur_has_the_variance_of_its_gaussian(levels, times):
+    """To rounding, for a pixel at any place of the coarser grids; near a border it is its own mirror image."""
+    x, noise = np.arange(257), np.random.default_rng(1).random((9, 9))
+    for place in 128, 129:
+        image = np.zeros((257, 257))
+        image[place, place + 1] = 1
+        weights = blur(image, levels, times).sum(0)
+        found = weights.sum(), weights @ x, weights @ (x - place - 1) ** 2
+        assert found == pytest.approx((1, place + 1, 2 * (4**levels - 1) / 3 + 4**levels * times))
+    assert np.allclose(average(noise), average(noise[::-1])[::-1])
+
+
 def test_errors_are_those_that_the_images_have():
     """Of the raw image, of a denoiser that blurs and makes brighter and loses what is very bright, of the mixture."""
     rng = np.random.default_rng(5)

@@ -12,7 +12,8 @@ import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
 from mitsuba_prosim.denoising import final_image, halves, oidn
-from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, with_light
+from mitsuba_prosim.denoising.denoised import COMMON, Denoised
+from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, unmixed, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
@@ -120,6 +121,23 @@ def test_blur_has_the_variance_of_its_gaussian(levels, times):
         found = weights.sum(), weights @ x, weights @ (x - place - 1) ** 2
         assert found == pytest.approx((1, place + 1, 2 * (4**levels - 1) / 3 + 4**levels * times))
     assert np.allclose(average(noise), average(noise[::-1])[::-1])
+
+
+def test_bound_of_the_error_holds_in_95_of_100_images():
+    """Of 2000 images with the squared error 3, whose halves have independent noise; within three standard errors."""
+    rng, held = np.random.default_rng(3), 0
+    for a, b in 2**0.5 * rng.normal(size=(2000, 2, 400)):
+        found = Denoised(*[np.empty(0)] * 6, raw_squares=np.square((a - b) / 2), final_squares=3 + a * b)
+        held += found.at_most / COMMON > 3**0.5
+    assert held / 2000 == pytest.approx(0.95, abs=0.015)
+
+
+def test_image_that_is_not_denoised_has_the_noise_that_was_measured():
+    raw, error = np.random.default_rng(1).random((4, 5, 3)), np.arange(20.0).reshape(4, 5)
+    error[0, 0] = np.inf
+    found = unmixed(raw, error, 0.1)
+    assert found.noise == found.raw_noise == pytest.approx(0.1) and not found.final_error[0, 0]
+    np.testing.assert_allclose(2 * display_value(raw) * np.sqrt(found.final_squares), found.final_error, rtol=1e-5)
 
 
 def test_errors_are_those_that_the_images_have():

@@ -124,6 +124,18 @@ def test_a_small_near_lamp_does_not_take_the_samples_of_a_far_one(variant_rgb, f
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.parametrize("bsdf", [diffuse(0.5, 0.5, 0.5), {"type": "roughconductor", "alpha": 0.4}])
+def test_chosen_lamps_share_their_light_with_scattered_rays(variant_rgb, bsdf):
+    """As for ``path``, with large lamps and a sun, within five standard errors (significance 1e-6)."""
+    balls = {"near": sphere_lamp([0, 1.5, 0], 1.0, 3.0), "aside": sphere_lamp([3, 1.5, 1], 1.0, 3.0)}
+    scene = load_scene(sensor=camera([0, 3, 6], [0, 0, 1], film(16)), floor=ground(4, bsdf), sun=FAR["sun"], **balls)
+    path = {"type": "path", "max_depth": 2}
+    ours = {"type": "prosim", "adaptive": "none", "max_level": 0, "diffuse_bounces": -1}
+    images = [np.array(mi.render(scene, integrator=mi.load_dict(i), spp=1024))[..., 1] for i in (path, ours)]
+    difference = images[1] - images[0]
+    assert abs(difference.mean()) < 5 * difference.std() / 16 < 0.01 * images[0].mean()
+
+
 def test_a_lamp_with_a_sampling_weight_of_0_is_off_where_no_ray_meets_it(variant_rgb):
     """As for Mitsuba's integrators."""
     lights = {"on": {"type": "point", "position": [0, 3, 0]}, "off": {"type": "point", "position": [1, 3, 0]}}

@@ -4,6 +4,7 @@ import functools
 import itertools
 import sys
 import time
+from types import SimpleNamespace
 
 import mitsuba as mi
 import mitsuba_prosim
@@ -11,10 +12,11 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim import denoising
-from mitsuba_prosim.denoising import final_image, halves, oidn
+from mitsuba_prosim.denoising import final_error, final_image, halves, oidn
 from mitsuba_prosim.denoising.denoised import COMMON, Denoised
 from mitsuba_prosim.denoising.mixing import LIGHT, display_value, inputs, mix, unmixed, with_light
 from mitsuba_prosim.denoising.pyramid import average, blur
+from mitsuba_prosim.engine.error_target import ErrorTarget
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
 from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb, slow
@@ -115,8 +117,7 @@ def test_blur_has_the_variance_of_its_gaussian(levels, times):
     """To rounding, for a pixel at any place of the coarser grids; near a border it is its own mirror image."""
     x, noise = np.arange(257), np.random.default_rng(1).random((9, 9))
     for place in 128, 129:
-        image = np.zeros((257, 257))
-        image[place, place + 1] = 1
+        image = np.outer(x == place, x == place + 1).astype(float)
         weights = blur(image, levels, times).sum(0)
         found = weights.sum(), weights @ x, weights @ (x - place - 1) ** 2
         assert found == pytest.approx((1, place + 1, 2 * (4**levels - 1) / 3 + 4**levels * times))
@@ -138,6 +139,32 @@ def test_image_that_is_not_denoised_has_the_noise_that_was_measured():
     found = unmixed(raw, error, 0.1)
     assert found.noise == found.raw_noise == pytest.approx(0.1) and not found.final_error[0, 0]
     np.testing.assert_allclose(2 * display_value(raw) * np.sqrt(found.final_squares), found.final_error, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "samples, error, estimates, at_most, factor, ratio, calls",
+    [
+        (500, 0.9, [], 0.5, 1, 0, 0),  # is good enough
+        (500, 9.0, [], 0.5, 1, 4.46, 0),  # is far from it
+        (50, 3.0, [], 0.5, 1, 2.8, 0),  # has cost less than a call
+        (500, 1.9, [], 0.5, 0.5, 0, 1),  # is good enough when denoised
+        (500, 1.9, [], 0.7, 0.7, 1.85, 1),  # is better when denoised
+        (500, 1.9, [], 0.99, 1, 0, 1),  # is hardly better when denoised
+        (500, 1.9, [(400, 0.4)], 0.5, 0.5, 0, 1),  # may be good enough by a call before
+        (500, 1.9, 5 * [(9, 0.5)], 0.5, 1, 0, 0),  # has been denoised often enough
+    ],
+)
+def test_error_of_the_final_image_decides(monkeypatch, samples, error, estimates, at_most, factor, ratio, calls):
+    """An image with this many samples a pixel, and an error in multiples of its limit; of uniform noise."""
+    monkeypatch.setattr(final_error, "needed", lambda image, ratio: samples * ratio)
+    found, transport = [], SimpleNamespace(rays_per_sample=1)
+    image = SimpleNamespace(all_counts=lambda: np.full(4, samples), estimates=estimates, halves=None)
+    image.estimator, raw = SimpleNamespace(transport=transport), (error / 1.1, 0, error)
+    result = SimpleNamespace(at_most=at_most * 1.05, noise=0.3, raw_noise=1)
+    measure = final_error.FinalError(lambda *_: found.append(1) or result)
+    measured = measure(image, SimpleNamespace(noise=lambda _: raw, complete=True), ErrorTarget((1, 0), 0, 0))
+    assert measured.noise == pytest.approx([factor * each for each in raw]) and len(found) == calls
+    assert measured.sample_ratio == pytest.approx(ratio, rel=0.01)
 
 
 def test_errors_are_those_that_the_images_have():

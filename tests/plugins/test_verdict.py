@@ -1,6 +1,5 @@
 """The verdict on a render names the cause of a fault."""
 
-import re
 import time
 from types import SimpleNamespace
 
@@ -95,7 +94,12 @@ def black():
     hiding, soot, deep = {"type": "prosim_adaptive", "nested": HIDING}, diffuse(0, 0, 0), PATHS | {"max_level": -1}
     overhead, above = bulb((0, 9, 0)), rectangle(T().translate([0, 20, 0]).rotate([1, 0, 0], 90).scale(600))
     mirrored = {"floor": pane(MIRROR), "chalk": pane(MIRROR), "above": above} | overhead
+    upwards = {"type": "spot", "to_world": T().look_at([0, 5, 0], [0, 9, 0], [1, 0, 0])}
     return [
+        (scene(), "the scene has no lights"),
+        (scene(target=(0, 0.5, 14), **overhead), "nothing is in view"),
+        (scene(origin=(-2.5, 0.5, 0), target=(0, 0.5, 0), **overhead), "the eye is within a solid"),
+        (scene(spot=upwards), "the lights shine elsewhere"),
         (scene(vase=ball(GLASS), bulb=POINT), "only through glass or a mask, such as vase, "),
         (scene(pane=pane(GLASS, 9), sun=SUN), "only through glass or a mask, such as pane, "),
         (scene({"type": "path", "max_depth": 1}, **overhead), "max_depth = 1 ends all rays"),
@@ -103,7 +107,6 @@ def black():
         (scene({"type": "prosim", "max_level": 0}, **mirrored), "max_level = 0 ends all rays"),
         (scene({"type": "path", "max_depth": 2}, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),
         (scene(deep, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),
-        (scene(HIDING, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
         (scene(hiding, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
         (scene(HIDING, (0, 20, 0), sky=SKY["sky"]), "hide_emitters of the integrator hides them"),
         (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **overhead), "masks with nothing"),
@@ -153,9 +156,7 @@ def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
 
 
-@pytest.mark.parametrize(
-    "seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (1.05, 9.4, False), (-9, 1.1, False)]
-)
+@pytest.mark.parametrize("seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (1.05, 9.4, False)])
 def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, compiled, told):
     made = mi.load_dict(scene({"type": "prosim_adaptive", "nested": PATH, "time": 1.0, "max_samples": 2}, **panel()))
     late = made.integrator().progressive(made, made.sensors()[0]).run()
@@ -163,21 +164,14 @@ def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, 
     assert (f"Kernels were compiled for {compiled} s" in verdict(late)) == told
 
 
-@pytest.mark.parametrize(
-    "noise, bound, says",
-    [
-        (0.01, 0.05, "at most 0.05"),
-        (0.04, 0.05, "about 0.04, raw 0.1, uncertain: .* 0.05"),
-        (0.048, 0.05, "about 0.048"),
-    ],
-)
-def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb, noise, bound, says):
-    sensor, halves = mi.load_dict(camera([0, 0, 1], [0, 0, 0], film(1))), [0]
-    result = SimpleNamespace(noise=noise, at_most=bound, raw_noise=0.1)
-    final = SimpleNamespace(why_raw=None, denoised=lambda: result, render=SimpleNamespace(half_images=lambda: halves))
-    final.denoiser = SimpleNamespace(sensor=sensor)
-    words = denoised_words(final)
-    assert re.fullmatch(f"denoised: error {says}(, raw 0.1)?", words) and denoised_words(final, True) != words
+def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb):
+    final = SimpleNamespace(why_raw=None, render=SimpleNamespace(half_images=lambda: [0]))
+    final.denoiser = SimpleNamespace(sensor=mi.load_dict(camera([0, 0, 1], [0, 0, 0], film(1))))
+    uncertain = "about 0.04, raw 0.1, uncertain: its error may be 0.05"
+    for noise, says in (0.01, "at most 0.05, raw 0.1"), (0.04, uncertain), (0.048, "about 0.048, raw 0.1"):
+        final.denoised = lambda noise=noise: SimpleNamespace(noise=noise, at_most=0.05, raw_noise=0.1)
+        assert denoised_words(final) == f"denoised: error {says}"
+    assert denoised_words(final, interrupted=True) == "not denoised: interrupted"
 
 
 def test_good_image_has_no_cause(variant_rgb):

@@ -359,6 +359,8 @@ def test_a_sensor_within_a_medium(variant_rgb, told):
     if told:
         scene["sensor"]["medium"] = reference("inside")
     assert seen(scene) == pytest.approx(np.exp(-0.75 * SIGMA), rel=2e-4)
+    if told:  # also where no shape has a medium
+        assert seen(without(scene, "it")) == pytest.approx(np.exp(-9.25 * SIGMA), rel=1e-3)
 
 
 def test_light_within_a_medium_is_absorbed_on_its_way_to_what_it_lights(variant_rgb):

@@ -112,6 +112,9 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
             text = re.sub(r"(?<!\S)[-*](?!\S)", "+", text)
             text = re.sub(r"dieletrico n-refr 1.[25]", "condutor ouro", text)
         meshes = skins(text, 0.2)
+        for mesh in meshes.values():
+            a, b, c = np.moveaxis(mesh.positions, 1, 0)
+            assert np.mean(np.sum(np.cross(b - a, c - a) * mesh.normals[mesh.index].sum(1), axis=1) >= 0) > 0.9
         for _ in range(15):
             origin = 9.0 * rng.choice([-1, 1], 3)
             direction = rng.uniform(-2, 2, 3) - origin
@@ -121,6 +124,11 @@ def test_every_face_leads_from_one_medium_to_the_next(kind):
             if len(found) == len(expected):
                 assert found == expected, seed
     assert compared[False] < 0.05 * compared[True]  # at edges, which chords cut
+
+
+def test_opaque_ball_in_glass_keeps_its_surface():
+    meshes = solids(scene("+ CUBE 1 SPHERE 0", ["", "TRANSLATE (-.5 -.5 -.5) SCALE (4 4 4)"], ["kd 1 1 1", GLASS]))
+    assert area(meshes[0]) == pytest.approx(4 * np.pi, rel=0.02)
 
 
 @pytest.mark.parametrize("tree", ["+ - CUBE 0 {} {}", "+ {} - CUBE 0 {}", "+ * CUBE 0 {} {}", "* + {} {} CUBE 3"])

@@ -174,6 +174,15 @@ def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb):
     assert denoised_words(final, interrupted=True) == "not denoised: interrupted"
 
 
+@pytest.mark.parametrize("radiance, told", [(4e6, "Half of the picture is brighter than "), (1, "")])
+def test_picture_that_is_much_brighter_than_white_is_told(variant_rgb, radiance, told):
+    """Its error can't be small, as it is that of the displayed picture."""
+    sky = {"type": "constant", "radiance": rgb(*[radiance] * 3)}
+    integrator = {"type": "prosim_adaptive", "nested": PATH, "max_samples": 8}
+    end = mitsuba_prosim.render(mi.load_dict(scene(integrator, sky=sky)), noise=1e-4, progress=False).verdict
+    assert told in end and ("white" in end) == bool(told)
+
+
 def test_good_image_has_no_cause(variant_rgb):
     made = scene(PATH, **panel())
     good = mitsuba_prosim.render(mi.load_dict(made), noise=0.02, progress=False)

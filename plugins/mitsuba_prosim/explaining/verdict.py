@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from math import isnan
+from math import isnan, log2
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +32,8 @@ FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
 #: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it; and
 #: number of pixels that need no time to be sorted by their errors.
 FURTHER, ATTEMPTS, SECONDS, SMALL = 4096, 3, 1.5, 1 << 18
+#: A median of the luminance that is too bright; white is 1.
+BRIGHT = 8.0
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 
@@ -87,7 +89,11 @@ def verdict(
     sentences = [", ".join(parts)]
     if integrator is not None and isinstance(render, Render):
         ignored = ignored_media(render)
-        sentences += [ignored, too_shallow(render, integrator)]
+        sentences += [
+            ignored,
+            too_shallow(render, integrator),
+            too_bright(render) if ended in ("time", "samples") else "",
+        ]
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):  # the image is finished, and must not be lost
                 sentences.append(cause(render, integrator, file))
@@ -125,8 +131,7 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
     late = limit and render.target.elapsed + SECONDS > 1.05 * limit
     if late and error.size > SMALL:
         return ""
-    colours = np.array(render.image())
-    light = luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
+    light = light_of(render)
     squares = np.square(in_display_units(error, np.minimum(light, mean_around(light, 2))))
     if not squares.sum() > 0:  # NaN, if a pixel has one sample
         return ""
@@ -198,6 +203,22 @@ def too_shallow(render: Render, integrator: Any) -> str:
     glass = (shape for shape in all_shapes(render.state.estimator.scene) if shape.bsdf() is not None)
     solid = any(lobes.has_any(int(shape.bsdf().flags()), *lobes.THROUGH) for shape in glass)
     return f"{limit} ends rays within glass: allow more reflections" if solid else ""
+
+
+def light_of(render: Render) -> np.ndarray:
+    """Returns the luminance of the image so far, shape (height, width)."""
+    colours = np.array(render.image())
+    return luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
+
+
+def too_bright(render: Render) -> str:
+    """Returns a sentence that the image is much brighter than white; empty if it is not. The error of such an image is
+    large, because it is that of the displayed image.
+    """
+    middle = float(np.median(light_of(render)))
+    if not limits(render) or not BRIGHT < middle < np.inf:
+        return ""
+    return f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
 
 
 def _errors(render: Render, ended: str | None) -> list[str]:

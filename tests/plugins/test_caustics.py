@@ -167,16 +167,16 @@ def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
     assert np.array_equal(render(dark), render(dark, caustics=False))
 
 
-@pytest.mark.slow
 def test_each_sample_has_photons_of_its_own(variant_rgb):
-    # So that the variance within a pixel knows of them, and more samples mean less of it.
-    world = small(12)
-    errors = []
-    for n in (4, 64):
-        more = {"samples": 2, "max_samples": n, "caustic_photons": 1 << 12}
-        images = np.stack([render(world, seed, **more)[7:10, 5:9] for seed in range(6)])
-        errors.append(images.std(axis=0, ddof=1).mean())
-    assert errors[1] < 0.7 * errors[0]
+    world, found = small(), []
+    x, y = np.random.default_rng(1).random((2, 2000), dtype=np.float32)
+    si = world.ray_intersect(world.sensors()[0].sample_ray(0, 0.5, mi.Point2f(x, y), mi.Point2f(0.5))[0])
+    met, caustics = si.is_valid(), Caustics.of(world, world.sensors()[0], 1 << 12, 7, True)
+    vertex = Vertex(si, si.bsdf(), met, mi.Bool(False), met, None, None)
+    for seed, number, t in (1, 0, 0), (1, 0, 1), (1, 1, 0), (2, 0, 0), (1, 0, 0):
+        caustics.use_pass(seed, number, 2)
+        found.append(np.array(caustics.add_to(mi.Spectrum(0), vertex, mi.UInt32(t))))
+    assert [np.array_equal(one, found[0]) for one in found] == [True, *3 * [False], True] and found[0].max() > 0
 
 
 def test_a_pass_takes_as_many_samples_as_most_pixels_request():

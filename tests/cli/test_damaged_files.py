@@ -156,9 +156,10 @@ def test_wrong_arrays_of_a_checkpoint_are_refused(state, lamp):
 @pytest.mark.parametrize("damage", [flipped, truncated])
 @pytest.mark.parametrize("suffix", [".exr", ".png"])
 def test_damaged_frame_is_rendered_again(lamp, damage, suffix):
-    rng, stem = np.random.default_rng(4), lamp.with_name("scene.0000")
-    done("render", lamp, "--frames", "0")
-    digest = metadata(stem.with_name("scene.0000.exr"))["digest"]
+    rng, stem = np.random.default_rng(4), lamp.with_name("scene.0006")
+    lamp.write_text(lamp.read_text().replace('"6"', '"$frame"'))
+    done("render", lamp, "--frames", "6")
+    digest = metadata(stem.with_name("scene.0006.exr"))["digest"]
     task = SimpleNamespace(stem=stem, facts={frames.DIGEST: digest})
     assert frames.is_rendered(task)
     path = stem.with_name(stem.name + suffix)

@@ -59,7 +59,7 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
         ("--frames 0:3 -D frame=3", "-D frame=... and --frames both define $frame"),
         ("--frames 0:3 --part 1/2", "--part is for single images"),
         ("--frames 0:3 --workers 2 -m scalar_rgb", "--workers: scalar_rgb"),
-        ("--frames 0:2", "does not use $frame, so all frames would be alike"),
+        ("--frames 0:2", "Found unused parameters:\n  - $frame=0"),
         *[(f"--crop {n}", "is not within the image") for n in ("4294967295,0,1,1", f"0,{2**64},1,1", f"0,0,{2**32},9")],
     ],
 )

@@ -301,7 +301,7 @@ def test_a_picture_shown_brighter_is_not_black(tmp_path):
 # ---- Links in the place of outputs
 
 
-LAYERS = scene_text('<integrator type="prosim"/>', width=8, height=8)
+LAYERS = scene_text('<default name="frame" value="0"/><integrator type="prosim"/>', width="8", height="1$frame")
 
 
 @pytest.fixture

@@ -210,3 +210,9 @@ def test_samples_that_are_not_finite_are_told(variant_rgb, integrator, place):
     made = mi.load_dict(scene(integrator, **things))
     told = mitsuba_prosim.render(made, spp=8, progress=False).verdict
     assert "of 8,192 samples are infinite or NaN, and count as black, most of them in the pixel " in told
+
+
+def test_samples_of_both_halves_that_are_not_finite_are_told(variant_rgb, denoiser):
+    things = panel() | {"floor": pane({"type": "diffuse", "reflectance": with_gaps(0.5)}, 6)}
+    told = mitsuba_prosim.render(mi.load_dict(scene(PATH, **things)), spp=8, denoise=True, progress=False).verdict
+    assert "of 8,192 samples are infinite or NaN" in told

@@ -124,11 +124,14 @@ class Image(PixelSet):
         return self._film[1]
 
     @alone()
-    def all_counts(self) -> np.ndarray:
-        """Returns the number of samples of each pixel, with those of a complete second image; shape (height, width)."""
-        counts = self.count
+    def all_counts(self, lost: bool = False) -> np.ndarray:
+        """Returns the number of samples of each pixel, or of those that are infinite or NaN if ``lost`` is true, with
+        those of a complete second image; shape (height, width).
+        """
+        every = np.array(self.accumulators.lost if lost else self.accumulators.count)
+        counts = every[self.own]
         if self.second is not None and self.second.complete:
-            counts[self.second.index] += self.second.count
+            counts[self.second.index] += every[self.second.own]
         return self.crop(counts, self.plan.window)
 
     @alone()

@@ -182,15 +182,13 @@ class Render(Steps):
     @alone()
     def lost(self) -> str:
         """How many samples so far are infinite or NaN, in words; empty if none is."""
-        state = self.state
-        lost, count = (np.array(sums)[state.own] for sums in (state.accumulators.lost, state.accumulators.count))
-        lost = state.crop(lost, state.plan.window)
+        lost = self.state.all_counts(lost=True)
         if not lost.any():
             return ""
         y, x = np.unravel_index(np.argmax(lost), lost.shape)
         return (
-            f"{lost.sum():,} of {state.crop(count, state.plan.window).sum():,} samples are infinite or NaN, and count "
-            f"as black, most of them in the pixel {x},{y}: a texture, material or lamp gives such values"
+            f"{lost.sum():,} of {self.counts().sum():,} samples are infinite or NaN, and count as black, most of them in "
+            f"the pixel {x},{y}: a texture, material or lamp gives such values"
         )
 
     @property

@@ -5,6 +5,7 @@ import os
 import pkgutil
 import sys
 import warnings
+from contextlib import suppress
 from typing import Any
 
 import click
@@ -78,7 +79,8 @@ def prosim() -> None:
 
         if str(message) not in shown_warnings:  # Python would show a message again after a change of its filters
             shown_warnings.add(str(message))
-            tqdm.write(f"warning: {message}", file=sys.stderr)
+            with suppress(OSError):  # the terminal was closed, and the image must not be lost
+                tqdm.write(f"warning: {message}", file=sys.stderr)
 
     warnings.showwarning = show
     warnings.simplefilter("always", UserWarning, append=True)

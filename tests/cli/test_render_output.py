@@ -7,6 +7,7 @@ import re
 import signal
 import sys
 from contextlib import ExitStack
+from unittest import mock
 
 import mitsuba as mi
 import numpy as np
@@ -17,6 +18,7 @@ from mitsuba_prosim.cli.terminal import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
 from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text
+from tqdm import tqdm
 from waiting import started, until
 
 
@@ -281,6 +283,24 @@ def test_snapshots_are_images_of_one_render(noisy):
     assert "--snapshots 0.0000001: not written, because the render ended earlier" in ended.stderr
     done("render", noisy, "--snapshots", "0.1s,0.2s")
     assert float(metadata(noisy.with_name("scene.0.2s.exr"))["seconds"]) > 0.195
+    noisy.with_name("scene.3s.exr").mkdir()
+    refused("scene.3s.exr: this is a folder", "render", noisy, "--snapshots", "3s,9s")
+
+
+def test_closed_terminal_ends_neither_an_image_nor_a_film(noisy, monkeypatch):
+    """Messages cannot be written then; a second signal still ends the process."""
+    monkeypatch.setattr(tqdm, "write", mock.Mock(side_effect=OSError(errno.EIO, "Input/output error")))
+    done("render", noisy, "--noise", 1, "--snapshots", "0.0000001")
+    noisy.write_text(scene_text().replace('value="0.5"', 'value="$frame"'))
+    assert "2 of 2 frames rendered" in done("render", noisy, "--frames", "0:2").stdout
+    assert tqdm.write.call_count == 4  # two warnings, as frame 0 is black, and two reports
+    codes, write = [], os.write
+    monkeypatch.setattr(os, "_exit", codes.append)
+    monkeypatch.setattr(os, "write", lambda file, text: write(file if file > 2 else -1, text))
+    with interruptible(lambda: None):
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGTERM)
+        until(lambda: codes)
 
 
 # ---- Black pictures

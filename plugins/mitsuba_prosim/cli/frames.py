@@ -4,6 +4,7 @@ import hashlib
 import json
 import sys
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,7 +85,8 @@ class Animation:
         if outcome.why_black and self.black == 0:
             warnings.warn(f"frame {number}: {outcome.why_black}", stacklevel=2)
         self.black += bool(outcome.why_black)
-        bar.write(outcome.report, file=sys.stderr)
+        with suppress(OSError):  # the terminal was closed
+            bar.write(outcome.report, file=sys.stderr)
 
     def path(self, number: int) -> Path:
         """Returns the path of the image of the frame ``number`` without suffix, such as ``name.0007``."""

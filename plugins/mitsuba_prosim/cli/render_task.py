@@ -116,6 +116,7 @@ class RenderTask:
         each += (36 + 8 * within * (5 + aovs)) * (1 + self.denoise) * bool(self.state_suffix)
         size = int(width * height) * each + 2**16
         suffixes = [*(() if job.part else SUFFIXES), *filter(None, [self.state_suffix])]
+        suffixes += [f".{snapshot}.exr" for snapshot in job.snapshots or ()]
         files.check(self.stem, suffixes, size, [self.file.path, *self.file.sources()])
 
     @property

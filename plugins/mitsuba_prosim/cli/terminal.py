@@ -9,7 +9,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -158,7 +158,8 @@ def interruptible(stop: Callable[[], None], received_signals: list[int] | None =
             if (number := received[0]) not in handled:
                 continue
             if reader.gettimeout() is not None:  # the first signal has set the timeout, so this is the second signal
-                os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
+                with suppress(OSError):  # the terminal was closed
+                    os.write(2, b"\nEnded at once.\n" if os.isatty(2) else b"Ended at once.\n")
                 os._exit(128 + number)
             if number == signal.SIGINT and os.isatty(2):  # on the line below ^C
                 os.write(2, b"\nEnding; once more ends it at once.\n")

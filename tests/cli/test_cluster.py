@@ -132,7 +132,8 @@ def test_without_workers_nothing_is_begun(lamp, monkeypatch):
     """Where they can't be started in three attempts, where the package lacks, and where no scheduler answers."""
     fails = mock.Mock(side_effect=RuntimeError("Nanny failed to start."))
     monkeypatch.setattr(cluster, "TIMEOUT", 0.2)
-    refused("no scheduler answers at tcp://127.0.0.1:1", "render", lamp, "--cluster", "tcp://127.0.0.1:1", code=1)
+    for address in "tcp://127.0.0.1:1", "tls://127.0.0.1:1":  # the second needs a certificate
+        refused(f"no scheduler answers at {address}", "render", lamp, "--cluster", address, code=1)
     monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     refused("the workers can't be started here (Nanny failed to start.)", "render", lamp, "--workers", 1, code=1)
     assert fails.call_count == 3  # a worker may be lost at its start

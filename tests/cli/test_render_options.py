@@ -42,6 +42,7 @@ NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snap
         ("--light-units radiance", "--light-units: only for scenes in the thesis's language"),
         ("--snapshots 0.1,4s", "errors or times, not both"),
         ("--snapshots x", "X,X"),
+        ("--snapshots 0.1 --time 4", "--time alone does not measure the error"),
         ("--denoise --layers lights", "--denoise"),
         ("--checkpoint", "--checkpoint needs prosim or prosim_adaptive"),
         ("--samples 2 -m scalar_rgb", "--samples: scalar_rgb"),

@@ -67,6 +67,13 @@ def test_another_target_and_another_place(lamp, tmp_path):
     assert "maximum number of samples per pixel, 400" in report.stdout
 
 
+def test_limit_that_is_reached_does_not_end_a_render_with_another(lamp, tmp_path):
+    state = tmp_path / "a.state.npz"
+    done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--time", 0.3)
+    assert re.search(r"error \S+ of 0.001 \(95 %", done("resume", state, "--noise", 0.001).stdout)
+    assert "400.0 samples a pixel" in done("resume", state, "--time", 1000, "--max-samples", 400).stdout
+
+
 def test_resume_refuses_another_scene(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--spp", 4)

@@ -283,9 +283,12 @@ def make_job(options: dict[str, Any]) -> Job:
             "--snapshots."
         )
     options["scene"] = str(options.get("scene") or "")
-    if (snapshots := options.get("snapshots")) and not given & set(TARGETS):
-        seconds = [float(text[:-1]) for text in snapshots if text.endswith("s")]
-        options.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
+    if snapshots := options.get("snapshots"):
+        seconds, targets = [float(text[:-1]) for text in snapshots if text.endswith("s")], given & set(TARGETS)
+        if targets == {"time"} and not seconds:
+            raise click.UsageError("--snapshots of errors: --time alone does not measure the error; add --noise.")
+        if not targets:
+            options.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
     options["definitions"] = dict(options.get("definitions", ()))
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])

@@ -2,7 +2,7 @@
 state file, or merge the parts of an image.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import click
 
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint
+from ..engine.error_target import ErrorTarget
 from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from . import files
@@ -75,7 +76,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         policy = record.attributes["sampling"]["adaptive"]
         # The target replaces --spp, too.
         unfit = before.spp or policy in FIRST_SAMPLE_POLICIES
-        target = {"adaptive": "graded" if unfit else policy, "spp": None} | target
+        target = {"adaptive": "graded" if unfit else policy, "spp": None} | reached(record, before, target) | target
     job = continued_job(before, job, checkpoint=True, part=record.part, **target)
     render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
@@ -84,6 +85,17 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
             if record.part
             else "The render was finished before. To improve the image, add another target, such as --noise or --time."
         )
+
+
+def reached(record: Checkpoint, before: Job, target: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns None for each limit of the job ``before`` that its state ``record`` has reached, and that would thus end
+    the render at once, whatever its new ``target``.
+    """
+    errors = ErrorTarget((before.noise or 0.0, before.noise_99 or 0.0), 0.0, 0.0).excess(record.attributes["noise"])
+    # The denoiser may have reserved some of the time.
+    time_is_up = record.finished and before.time and record.attributes["seconds"] > 0.9 * before.time
+    names = ("time",) if time_is_up and target.keys() != {"adaptive"} else ()
+    return dict.fromkeys((*names, "noise", "noise_99") if "time" in target and errors <= 1 else names)
 
 
 @click.command(cls=Command)

@@ -112,7 +112,7 @@ def scheduler(address: str) -> Iterator[distributed.Client]:
     silence()
     try:
         client = distributed.Client(address, set_as_default=False, timeout=TIMEOUT)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without a certificate
         raise ClusterError(
             f"no scheduler answers at {address}; start one with `dask scheduler` and give the address that it prints, "
             f"such as tcp://machine:8786 ({error})"

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from mitsuba_prosim import check
 from mitsuba_prosim.check.kinds import images
+from mitsuba_prosim.check.report import FAILS, Report
 from mitsuba_prosim.check.subject import import_module
 from prosim_start.group import prosim
 
@@ -24,7 +25,7 @@ GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian", "fresnel": "thesis", "eta"
 #: Plugins with parameters.
 SETS = {
     "prosim_conductor": [{}, {"alpha": 0.3, **GROOVES}, {"exponent": 3.0}, GAUSSIAN],
-    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0, "int_ior": 1.7, "int_abbe": 20.0}],
+    "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0, "int_ior": 1.43, "int_abbe": 2.8}],
     "prosim_composite": [
         {"alpha": 0.4},
         {"exponent": 20.0, **GROOVES},
@@ -53,11 +54,31 @@ def registered(variant_rgb):
     mutants.register()
 
 
+class Found(BaseException):
+    """A test has failed, and those that follow are left out."""
+
+
+@pytest.fixture
+def until_it_fails(monkeypatch):
+    def add(report, *values, add=Report.add, **more):
+        add(report, *values, **more)
+        # A probability that fails with any number of tests.
+        if (last := report.results[-1]).verdict == FAILS or not (last.p_value is None or last.p_value >= 1e-9):
+            raise Found
+
+    monkeypatch.setattr(Report, "add", add)
+
+
 @pytest.mark.parametrize(
     "kind, name", [pytest.param(*one, marks=[] if one in QUICK else pytest.mark.slow) for one in mutants.NAMES]
 )
-def test_check_finds_fault(kind, name):
-    report = check.check(f"mutant_{kind}_{name}", modules=["mutants"])
+def test_check_finds_fault(until_it_fails, kind, name):
+    with pytest.raises(Found):
+        check.check(f"mutant_{kind}_{name}", modules=["mutants"])
+
+
+def test_report_of_a_fault_raises():
+    report = check.check("mutant_texture_mean", modules=["mutants"])
     assert not report.ok
     with pytest.raises(check.WrongPluginError, match="fails"):
         report.raise_if_wrong()
@@ -128,7 +149,11 @@ def test_check_finds_fault_of_method(monkeypatch, fault):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limits", [{"max_depth": 4}, {"rr_depth": 1, "max_depth": 5}])
-def test_integrator_that_ignores_its_depth_fails(limits):
+def test_integrator_that_ignores_its_depth_fails(monkeypatch, limits):
+    """In the closed rooms, which are the last scenes."""
+    rooms = list(images.scenes())[-2:]
+    monkeypatch.setattr(images, "scenes", lambda: rooms)
+
     class Fixed(mi.SamplingIntegrator):
         def __init__(self, props):
             super().__init__(props)

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import scipy
-from drawing.curves import direction, interaction
+from drawing.curves import interaction
 from image_statistics import renderings
 from mitsuba_prosim.optics.dispersion import MATERIALS, RGB, C, D, Dispersion, F, cauchy
 from scenes import T, camera, film, load_scene
@@ -114,26 +114,6 @@ def test_each_wavelength_follows_snells_law(colours, request):
     expected = deviation(i, prism, sellmeier("sf10", nm[channel[seen], np.flatnonzero(seen)]))
     assert np.ptp(expected) > 0.05
     assert np.abs(angle[seen] - expected).max() < 1e-4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("angle", (50, 130))
-def test_directions_have_their_density(variant_rgb, angle):
-    """Chi² over the sphere; the index differs so much that the lobes of r, g and b lie apart."""
-    bsdf = mi.load_dict({"type": "prosim_dielectric", "int_ior": 1.43, "int_abbe": 2.8, "ext_ior": 1.0, "alpha": 0.25})
-    wi = direction(angle)
-    dr.eval(wi)
-
-    def sample(u):
-        si = interaction(wi + dr.zeros(mi.Vector3f, dr.width(u)))
-        bs, weight = bsdf.sample(mi.BSDFContext(), si, u[0], mi.Point2f(u[1], u[2]))
-        return bs.wo, dr.select((bs.pdf > 0) & dr.any(weight > 0), 1.0, 0.0)
-
-    def pdf(wo):
-        return bsdf.pdf(mi.BSDFContext(), interaction(wi + dr.zeros(mi.Vector3f, dr.width(wo))), wo)
-
-    test = mi.chi2.ChiSquareTest(mi.chi2.SphericalDomain(), sample, pdf, 3, sample_count=100000, res=101, ires=8)
-    assert test.run(0.01, test_count=2, quiet=True), test.messages
 
 
 def test_without_dispersion_it_is_plain_glass(variant_rgb):

@@ -106,20 +106,21 @@ def compared(scene, ours, reference):
     return same_expectation(renderings(scene, 8, 256, **reference), renderings(scene, 8, 128, first_seed=50, **ours))
 
 
-@pytest.mark.parametrize("ours, reference", [(TREE, FIRST), (PATHS, WHOLE)], ids=["tree", "paths"])
-@pytest.mark.parametrize("wrapper", [None, *slow("twosided", "mask")])
-@pytest.mark.parametrize("typed", [True, False])
-def test_lobes_of_a_users_bsdf_count_once(variant_rgb, typed, wrapper, ours, reference):
-    """Also if the BSDF ignores the type mask, and leaves ``sampled_type`` 0."""
-    mi.register_bsdf("users_bsdf", two_lobes(typed, ideal=False))
-    bsdf = {"type": "users_bsdf"}
-    if wrapper == "mask" and ours is TREE:
-        pytest.skip("a tree follows rays through holes")
-    if wrapper:
-        bsdf = {"type": wrapper, "nested": bsdf} | ({"opacity": 0.6} if wrapper == "mask" else {})
-    # Mitsuba's path loses the light of paths through a hole (prosim check path).
-    reference = {**reference, "type": "prb"} if wrapper == "mask" else reference
-    assert compared(scene(bsdf), ours, reference)
+#: A tree follows rays through holes; Mitsuba's ``path`` loses the light of paths through a hole (prosim check path).
+HOLES = pytest.param("mask", PATHS, WHOLE | {"type": "prb"}, marks=pytest.mark.slow)
+TWO_SIDED = [pytest.param("twosided", *how, marks=pytest.mark.slow) for how in ((TREE, FIRST), (PATHS, WHOLE))]
+
+
+@pytest.mark.parametrize("wrapper, ours, reference", [(None, TREE, FIRST), (None, PATHS, WHOLE), *TWO_SIDED, HOLES])
+def test_lobes_of_a_users_bsdf_count_once(variant_rgb, wrapper, ours, reference):
+    """Also if the BSDF ignores the type mask, and leaves ``sampled_type`` 0; that of a second ball does not."""
+    bsdfs = []
+    for typed in False, True:
+        mi.register_bsdf(name := f"users_{typed}", two_lobes(typed, ideal=False))
+        how = {"type": wrapper, "nested": {"type": name}} if wrapper else {"type": name}
+        bsdfs.append(how | ({"opacity": 0.6} if wrapper == "mask" else {}))
+    room = scene(bsdfs[0]) | {"second": {"type": "sphere", "center": [-2, 0, 0], "bsdf": bsdfs[1]}}
+    assert compared(room, ours, reference)
 
 
 @pytest.mark.parametrize("point", [False, True])
@@ -184,7 +185,7 @@ class Point(mi.llvm_ad_rgb.Emitter):
 
 
 @pytest.mark.parametrize("ours, reference", [(TREE, FIRST), (PATHS, WHOLE)], ids=["tree", "paths"])
-@pytest.mark.parametrize("lamps", [*slow(("lamp",), ("lamp", "ball"), ("point", "ball")), ("lamp", "point", "ball")])
+@pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), *slow(("lamp",))])
 def test_users_lamps(variant_rgb, lamps, ours, reference):
     """Without ``eval_direction``, with or without other lamps, on a sphere and on a rectangle."""
     mi.register_emitter("users_lamp", Lamp)

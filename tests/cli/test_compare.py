@@ -26,8 +26,10 @@ SCENE = scene_text(
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """The page of a comparison at tiny size, and what the command prints."""
-    folder = tmp_path_factory.mktemp("compare")
+    folder, outside = tmp_path_factory.mktemp("compare"), tmp_path_factory.mktemp("outside") / "rc"
     (folder / "little.xml").write_text(SCENE)
+    outside.write_text("mine")
+    (folder / "little-compare.html").symlink_to(outside)  # which is replaced
     arguments = ["prosim", "path:multijitter", "--rounds", "2", "--exposure", "-1"]
     arguments += ["--reference-seconds", "0", "-m", "llvm_ad_rgb"]
     phases, show = set(), Progress.show
@@ -35,6 +37,7 @@ def report(tmp_path_factory):
         patch.setattr(Progress, "show", lambda bar, ready, phase: phases.add(phase) or show(bar, ready, phase))
         printed = done("compare", folder / "little.xml", *arguments).stdout
     assert {"reference of all paths", "rendering in turn"} <= phases
+    assert not (folder / "little-compare.html").is_symlink() and outside.read_text() == "mine"
     return (folder / "little-compare.html").read_text("utf-8"), printed
 
 

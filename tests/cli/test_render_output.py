@@ -332,9 +332,6 @@ def outside(tmp_path_factory):
     return path
 
 
-COMPARE = "prosim", "path", "--rounds", 1, "--reference-seconds", 0
-
-
 @pytest.mark.parametrize(
     "outputs, command",
     [
@@ -344,7 +341,6 @@ COMPARE = "prosim", "path", "--rounds", 1, "--reference-seconds", 0
         ("scene.9.exr", ["render", "--snapshots", "9"]),
         ("scene.0000.exr scene.0000.png", ["render", "--frames", "0"]),
         ("a-mix.exr", ["mix", "lamp1=0.5"]),
-        pytest.param("scene-compare.html", ["compare", *COMPARE], marks=pytest.mark.slow),
     ],
 )
 def test_link_in_the_place_of_an_output_is_replaced(scene, outside, outputs, command):

@@ -20,15 +20,6 @@ def test_neighbours_share_a_sequence_if_there_are_few_samples(variant_rgb, spp, 
 
 
 @pytest.mark.slow
-def test_a_pass_cut_short_biases_nothing(variant_rgb):
-    whole, cut = (
-        renderings(penumbra(type="prosim", adaptive="none"), 24, spp=spp, first_seed=first)
-        for spp, first in ((64, 0), (13, 1000))
-    )
-    assert same_expectation(cut, whole)
-
-
-@pytest.mark.slow
 def test_filter_within_a_pixel_is_that_of_mitsuba(variant_rgb):
     scene, ours = penumbra(), {"type": "prosim", "adaptive": "none"}
     box = renderings(scene, 1, spp=25, **ours)

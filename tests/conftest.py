@@ -5,7 +5,6 @@ A test that takes ``variant_rgb`` runs in ``llvm_ad_rgb``, and where there is a 
 ``scalar_rgb``. As each change of variant loads all plugins anew, the tests of one variant run together.
 """
 
-import ctypes
 import gc
 import os
 import signal
@@ -16,7 +15,7 @@ from pathlib import Path
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-#: Where Dr.Jit keeps the tests' kernels; see :func:`compile_quickly`.
+#: Where Dr.Jit keeps the tests' kernels; see :func:`adjust_processes`.
 os.environ["DRJIT_CACHE_DIR"] = str(Path(__file__).parents[1] / "build" / "kernels")
 
 import drjit as dr
@@ -106,16 +105,6 @@ def pytest_xdist_make_scheduler(config, log):
     return Scheduling(config, log)
 
 
-def compile_quickly():
-    """Switches off LLVM's optional passes, because most kernels are compiled for a few pixels. An image has the same
-    bits, but a render would be slower; so these kernels stay out of the user's cache.
-    """
-    version, library = llvm.version(), llvm.library()
-    if version and version[0] >= 17 and library:  # older ones would print the name of each pass
-        options = b"pytest", b"-opt-bisect-limit=0", b"-opt-bisect-verbose=0"
-        ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
-
-
 def share_the_cores():
     """Gives each process of ``-n`` its share of the cores, because threads that wait for work would use a quarter of
     the processor time. Tests of threads set their number by :func:`scenes.in_threads`.
@@ -123,16 +112,25 @@ def share_the_cores():
     dr.set_thread_count(max(1, dr.thread_count() // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))))
 
 
+def adjust_processes():
+    """Compiles quickly here and in the processes that tests start, in which Python imports processes/sitecustomize.py
+    at their start; also in those of ``-n``, which come here again.
+    """
+    here, paths = str(Path(__file__).with_name("processes")), os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    if here in paths:
+        return
+    version, library = llvm.version(), llvm.library()
+    if version and version[0] >= 17 and library:  # older ones would print the name of each pass
+        os.environ["QUICK_LLVM"] = library
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [here, *paths]))
+    import processes.sitecustomize  # noqa: F401
+
+
 def pytest_configure():
     gc.disable()
     share_the_cores()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell would ignore it
-    compile_quickly()
-    if "VECTOR_WIDTH" in os.environ:
-        import vector_width.sitecustomize  # noqa: F401  (sets the width here, and in the processes that tests start)
-
-        paths = [str(Path(__file__).with_name("vector_width")), *filter(None, [os.environ.get("PYTHONPATH")])]
-        os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+    adjust_processes()
 
 
 def pytest_collection_finish():

@@ -1,5 +1,5 @@
-"""Compiles the kernels of this process as on an x86-64 CPU with vectors of another width, VECTOR_WIDTH in the
-environment.
+"""Compiles the kernels of this process as the tests do: QUICK_LLVM in the environment is the LLVM that shall leave out
+its optional passes, and VECTOR_WIDTH the width of the vectors of another x86-64 CPU.
 
 Python imports this module at its start, where its folder is in PYTHONPATH.
 """
@@ -14,6 +14,14 @@ from pathlib import Path
 TARGETS = {4: "x86-64-v3", 8: "x86-64-v3", 16: "x86-64-v4"}
 
 
+def compile_quickly(library: str) -> None:
+    """Switches off LLVM's optional passes, because most kernels are compiled for a few pixels. An image has the same
+    bits, but a render would be slower; so these kernels stay out of the user's cache.
+    """
+    options = b"pytest", b"-opt-bisect-limit=0", b"-opt-bisect-verbose=0"
+    ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
+
+
 def set_width(width: int) -> None:
     """Sets LLVM's target for all kernels that follow."""
     package = Path(importlib.util.find_spec("drjit").origin).parent
@@ -23,5 +31,7 @@ def set_width(width: int) -> None:
     core["_Z19jit_llvm_set_targetPKcS0_j"](TARGETS[width].encode(), None, ctypes.c_uint32(width))
 
 
+if "QUICK_LLVM" in os.environ:
+    compile_quickly(os.environ["QUICK_LLVM"])
 if "VECTOR_WIDTH" in os.environ:
     set_width(int(os.environ["VECTOR_WIDTH"]))

@@ -7,6 +7,7 @@ import http.client
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -23,7 +24,7 @@ import psutil
 import pytest
 from mitsuba_prosim.engine import environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-from mitsuba_prosim.parallel import cluster, worker
+from mitsuba_prosim.parallel import cluster, executor, worker
 from mitsuba_prosim.parallel.executor import CHECK_INTERVAL, ClusterError, DaskExecutor
 from mitsuba_prosim.parallel.worker import SceneBundle
 from mitsuba_prosim.scene import scene_file
@@ -129,11 +130,14 @@ except Exception as error:
 
 
 def test_without_workers_nothing_is_begun(lamp, monkeypatch):
-    """Where they can't be started in three attempts, where the package lacks, and where no scheduler answers."""
+    """Where they can't be started in three attempts, where the package lacks, and where no scheduler answers, not even
+    at a port that another program has.
+    """
     fails = mock.Mock(side_effect=RuntimeError("Nanny failed to start."))
     monkeypatch.setattr(cluster, "TIMEOUT", 0.2)
-    for address in "tcp://127.0.0.1:1", "tls://127.0.0.1:1":  # the second needs a certificate
-        refused(f"no scheduler answers at {address}", "render", lamp, "--cluster", address, code=1)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        for place in "tcp://127.0.0.1:1", "tls://127.0.0.1:1", f"tcp://127.0.0.1:{silent.getsockname()[1]}":
+            refused(f"no scheduler answers at {place}", "render", lamp, "--cluster", place, code=1)
     monkeypatch.setattr(cluster.distributed, "LocalCluster", fails)
     refused("the workers can't be started here (Nanny failed to start.)", "render", lamp, "--workers", 1, code=1)
     assert fails.call_count == 3  # a worker may be lost at its start
@@ -269,19 +273,21 @@ ANOTHER = (
 
 
 @pytest.mark.slow
-def test_lost_scheduler_keeps_the_image_so_far(lamp, monkeypatch):
-    """The image so far is written, and its state, which goes on to the same bytes."""
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_lost_scheduler_keeps_the_image_so_far(lamp, monkeypatch, number):
+    """The image so far is written, and its state, which goes on to the same bytes. So too if it does not answer."""
     folder, keep = lamp.parent, CheckpointWriter.__call__
     aim = ["--noise", 0.01]
     with started([sys.executable, "-c", ANOTHER], stdout=subprocess.PIPE, text=True) as process:
 
         def killing(self, render):
             if render.counts().any():
-                process.kill()
+                process.send_signal(number)
             keep(self, render)
 
         with monkeypatch.context() as patch:
             patch.setattr(CheckpointWriter, "__call__", killing)
+            patch.setattr(executor, "ANSWER", 2)
             address = process.stdout.readline().strip()
             result = prosim("render", lamp, "--checkpoint", "-o", folder / "a", "--cluster", address, *aim)
     assert result.exit_code == 1 and re.search("the scheduler tcp://.* has gone away", result.output)

@@ -1,5 +1,6 @@
 """Starts a Dask cluster with workers on this machine, or connects to the scheduler of a running cluster."""
 
+import asyncio
 import logging
 import os
 import signal
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
+from typing import Any
 
 import dask
 import distributed
@@ -25,8 +27,8 @@ SETTINGS = {
     "distributed.worker.http.routes": [],
 }
 
-#: Timeout for the connection to a scheduler, in seconds; interval at which lost workers are replaced; maximum number of
-#: attempts to start local workers.
+#: Timeout for the connection to a scheduler, and again for its first answer, in seconds; interval at which lost workers
+#: are replaced; maximum number of attempts to start local workers.
 TIMEOUT, REPLACE_INTERVAL, ATTEMPTS = 10, "2s", 3
 
 
@@ -106,13 +108,22 @@ def interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+class Client(distributed.Client):
+    """A client that does not wait for ever if something else than a scheduler answers at the address."""
+
+    def start(self, **how: Any) -> None:
+        """Connects to the scheduler. Raises TimeoutError without an answer."""
+        super().start(callback_timeout=2 * TIMEOUT, **how)
+
+
 @contextmanager
 def scheduler(address: str) -> Iterator[distributed.Client]:
     """Yields a client of the Dask scheduler at ``tcp://...``. Raises ClusterError if none answers."""
     silence()
     try:
-        client = distributed.Client(address, set_as_default=False, timeout=TIMEOUT)
-    except (OSError, ValueError, TypeError) as error:  # TypeError: tls:// without a certificate
+        client = Client(address, set_as_default=False, timeout=TIMEOUT)
+    # TypeError: tls:// without a certificate. Python 3.10 has another TimeoutError.
+    except (OSError, ValueError, TypeError, asyncio.TimeoutError) as error:
         raise ClusterError(
             f"no scheduler answers at {address}; start one with `dask scheduler` and give the address that it prints, "
             f"such as tcp://machine:8786 ({error})"

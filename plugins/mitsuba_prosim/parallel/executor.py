@@ -1,5 +1,6 @@
 """Executor that computes work items as tasks of a Dask cluster."""
 
+import asyncio
 import pickle
 import time
 import warnings
@@ -18,8 +19,9 @@ from ..engine.work import Executor, Results, WorkItem
 from . import worker
 from .worker import SceneBundle
 
-#: Seconds between two checks of the workers; seconds without workers after which a warning is emitted.
-CHECK_INTERVAL, WARNING_DELAY = 0.5, 10.0
+#: Seconds between two checks of the workers; seconds without workers after which a warning is emitted; seconds after
+#: which a scheduler that does not answer is lost, as for Dask.
+CHECK_INTERVAL, WARNING_DELAY, ANSWER = 0.5, 10.0, 30.0
 
 #: Number of tasks per worker (one runs and one waits); number of times that Dask repeats a task that fails.
 WINDOW, RETRIES = 2, 2
@@ -130,8 +132,10 @@ class DaskExecutor(Executor):
         try:
             if self.client.status != "running":
                 raise OSError
-            self._workers = frozenset(self.client.ncores())
-        except (OSError, ValueError, TypeError, AttributeError):  # a lost connection raises any of these
+            scheduler: Any = self.client.scheduler
+            self._workers = frozenset(self.client.sync(scheduler.ncores, callback_timeout=ANSWER))
+        # A lost connection raises any of these. Python 3.10 has another TimeoutError.
+        except (OSError, ValueError, TypeError, AttributeError, asyncio.TimeoutError):
             self.loss_reason = f"the scheduler {self.address} has gone away"
             return True
         if before - self._workers:

@@ -269,22 +269,34 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
 
-@pytest.mark.parametrize("around", ["{}", '<integrator type="prosim_adaptive">{}</integrator>'])
+AOV = '<integrator type="aov"><string name="aovs" value="d:depth"/>{}</integrator>'
+
+
+@pytest.mark.parametrize("around", ["{}", '<integrator type="prosim_adaptive">{}</integrator>', AOV])
 @pytest.mark.parametrize("plugin", ["path", "volpath", "ptracer"])
-def test_paths_keep_the_depth_of_the_integrator(scene, variant_rgb, plugin, around):
+def test_paths_keep_the_parameters_of_the_integrator(scene, variant_rgb, plugin, around):
     """With ``max_depth`` 2, light is reflected once, which is level 0 of prosim; the user's level has precedence."""
 
-    def level(depth, **options):
-        number = f'<integer name="max_depth" value="{depth}"/>'
-        text = around.format(f'<integrator type="{plugin}">{number}</integrator>')
+    def made(depth, **options):
+        numbers = f'<integer name="max_depth" value="{depth}"/><integer name="rr_depth" value="7"/>'
+        hides = '<boolean name="hide_emitters" value="true"/>'
+        text = around.format(f'<integrator type="{plugin}">{numbers}{hides}</integrator>')
         scene.write_text(scene_text(text, LIT_FLOOR))
         parameters = Job(paths=True, **options).integrator
-        return scene_file.SceneFile(scene, scene.parent, integrator=parameters).load().integrator().max_level
+        return scene_file.SceneFile(scene, scene.parent, integrator=parameters).load().integrator()
 
-    assert [level(depth) for depth in (2, 3, 8, -1)] == [0, 1, 6, -1]
-    assert level(8, max_level=-1) == -1 and level(1, max_level=3) == 3
+    assert [made(depth).max_level for depth in (2, 3, 8, -1)] == [0, 1, 6, -1]
+    assert made(8, max_level=-1).max_level == -1 and made(1, max_level=3).max_level == 3
+    assert made(2).hide_emitters and made(2).rr_depth == 7
     with pytest.raises(ValueError, match="max_depth 1 allows no reflection"):
-        level(1)
+        made(1)
+
+
+def test_paths_keep_the_channels_of_nested_integrators(scene, variant_rgb):
+    samples = '<integrator type="prosim_adaptive"><string name="aovs" value="samples"/>{}</integrator>'
+    scene.write_text(scene_text(samples.format(AOV.format('<integrator type="path"/>')), LIT_FLOOR))
+    file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)
+    assert file.load().integrator().aov_names() == ["d.T", "samples"]
 
 
 @pytest.mark.parametrize("depth, rr_depth, hides", [(-1, 5, False), (2, 5, True), (8, 9, False)])

@@ -280,7 +280,7 @@ def test_features_look_past_sources_that_are_hidden(variant_rgb):
     hidden, normal = halves.features(scene, scene.sensors()[0], hide_emitters=True)
     assert not hidden.any() and not normal.any()
     path = {"type": "path", "hide_emitters": True}
-    for nested in (path, {"type": "prosim_adaptive", "nested": path}):
+    for nested in (path, {"type": "prosim_adaptive", "of": {"type": "aov", "aovs": "d:depth", "image": path}}):
         assert final_image.denoised_progressive(scene, 0, mi.load_dict(nested)).denoiser.hide_emitters
     card = rectangle(T(), bsdf={"type": "mask", "opacity": 0.5, "b": diffuse(0, 0, 0)})
     hole = load_scene(sensor=camera([0, 0, 5], [0, 0, 0], film(4), fov=10), card=card, sky={"type": "constant"})

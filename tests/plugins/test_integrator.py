@@ -28,6 +28,7 @@ from scenes import (
     rectangle,
     rgb,
     slow,
+    sphere_lamp,
     without,
 )
 
@@ -214,9 +215,11 @@ def test_rays_are_those_of_the_perspective_camera(variant_rgb):
     aside = {"principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1}
     sensor = mi.load_dict(camera([1, 2, 3], [0, 0.5, 0], film(30, 20), fov=50, near_clip=0.5, far_clip=90, **aside))
     position = mi.Point2f([0, 0.3, 1], [0, 0.8, 1])
-    ours, theirs = (f(0.5, 0.5, position, mi.Point2f(0))[0] for f in (ray_sampler(sensor), sensor.sample_ray))
-    for a, b in ((ours.o, theirs.o), (ours.d, theirs.d), (ours.maxt, theirs.maxt), (ours.time, theirs.time)):
-        assert dr.allclose(a, b, rtol=1e-5)
+    samplers = ray_sampler(sensor), sensor.sample_ray_differential
+    ours, theirs = (sample(0.5, 0.5, position, mi.Point2f(0))[0] for sample in samplers)
+    for name in "o", "d", "maxt", "time", "o_x", "o_y", "d_x", "d_y":
+        assert dr.allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-5)
+    assert ours.has_differentials
 
 
 def test_seed_as_an_array(variant_rgb):
@@ -421,6 +424,21 @@ def test_several_sensors_and_specfilm(variant_spectral):
     loaded = mi.load_dict(scene)
     first, second = np.array(mi.render(loaded, sensor=0)), np.array(mi.render(loaded, sensor=1))
     assert first.shape == (32, 32, 3) and second.shape == (16, 24, 2) and second.mean() > 0
+
+
+def test_noise_of_bands_beyond_visible_light_is_seen(variant_spectral):
+    """Otherwise the first samples would be the last ones, though an error is asked for."""
+    flat = {"type": "spectrum", "value": [(300, 0.6), (1100, 0.6)]}
+    white = {"type": "diffuse", "reflectance": flat}
+    band = {"type": "spectrum", "value": [(850, 0.1), (950, 0.1)]}
+    scene = penumbra(white, 8, type="prosim", noise=0.01, samples=4)
+    for name in "floor", "wall":
+        scene[name] = scene[name] | {"bsdf": white}
+    scene["light"] = sphere_lamp([-3, 3.5, 3], 0.5, {"type": "spectrum", "value": [(300, 9.0), (1100, 9.0)]})
+    scene["sensor"] |= {"film": film(8, band=band) | {"type": "specfilm"}}
+    loaded = mi.load_dict(scene)
+    render = loaded.integrator().progressive(loaded).run()
+    assert render.reached.noise <= 0.01 and render.reached.samples > 4 and render.error().max() > 0
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
-from scenes import COPPER, CROP, camera, derivative, film, in_threads, load_scene, penumbra, rgb
+from scenes import COPPER, CROP, camera, derivative, film, ground, in_threads, load_scene, penumbra, rgb
 
 
 def adaptive(nested, **settings):
@@ -68,6 +68,21 @@ def test_channels_of_the_nested_integrator_come_first(variant_rgb):
     expected = np.array(mi.render(scene, integrator=reference, spp=256))[..., -4:]
     assert np.allclose(image[-4:, :8, 3:7], expected[-4:, :8], rtol=0.02, atol=1e-6)
     assert image[..., -2].min() >= 5 and image[..., -2].max() > 25 and image[..., -1].max() > 0
+
+
+@pytest.mark.parametrize("sensor", ["perspective", "orthographic"])
+def test_partials_of_texture_coordinates_are_those_of_aov(variant, sensor):
+    """In ``prosim``, and in the nested ``aov``: the size of a pixel on the floor, scaled as Mitsuba scales it."""
+    pixel = camera([0, 2, 0.1], [0, 0, 0], film(1, component_format="float32")) | {"type": sensor}
+    scene = load_scene(sensor=pixel, floor=ground(9, {"type": "diffuse"}))
+    aov = {"type": "aov", "aovs": "x:duv_dx,y:duv_dy"}
+    images = [
+        np.array(mi.load_dict(integrator).render(scene, spp=16))[..., -4:]
+        for integrator in (aov, {"type": "prosim", "aovs": aov["aovs"]}, adaptive(aov))
+    ]
+    assert np.abs(images[0]).max() > 0.01
+    for image in images[1:]:
+        assert np.allclose(image, images[0], rtol=0.03, atol=1e-4)
 
 
 # ------------------------------------------------------------------ the same image, bit by bit

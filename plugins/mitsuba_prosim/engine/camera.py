@@ -21,7 +21,7 @@ def is_perspective(sensor: mi.Sensor) -> bool:
     return bool(sensor.class_name() == PERSPECTIVE)
 
 
-def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]]:
+def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.RayDifferential3f, mi.Spectrum]]:
     """Returns a function that samples camera rays, with the arguments of ``sensor.sample_ray_differential``.
 
     The arguments of the returned function are the time, a random number for the wavelengths, the position on the whole
@@ -31,7 +31,7 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
 
     The code of Mitsuba's perspective camera contains the film's size as a constant, so Dr.Jit would compile a new
     kernel for each resolution. To avoid a new kernel for each resolution, the returned function computes the rays of
-    the perspective camera itself, from the camera's projection matrix. These rays have no differentials.
+    the perspective camera itself, from the camera's projection matrix.
     """
     if not is_perspective(sensor):
         return lambda *point: sensor.sample_ray_differential(*point, True)
@@ -41,23 +41,28 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.Ray3f, mi.Spectrum]
     fov = float(params["x_fov"][0])  # a number, because a Dr.Jit array would make the size a constant of the kernel
     to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), fov, near, far).inverse()
     near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
+    pixel = mi.Point2f(*(dr.opaque(mi.Float, 1 / int(side)) for side in size))
     dr.make_opaque(to_camera, offset)
 
     def sample_ray(
         time: mi.Float, wavelength_sample: mi.Float, position: mi.Point2f, _: mi.Point2f
-    ) -> tuple[mi.Ray3f, mi.Spectrum]:
+    ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
         """Returns the camera ray through ``position`` on the film, in [0, 1)², and the weight of its wavelengths.
 
         The ray begins at the near clipping plane, and ends at the far clipping plane. The last argument, the position
         on the lens, is ignored.
         """
         wavelengths, weight = sensor.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength_sample)
-        on_near = to_camera @ mi.Point3f(position.x + offset.x, position.y + offset.y, 0)
-        d = dr.normalize(mi.Vector3f(on_near))
-        to_world = world_transform(sensor, time)
+        to_world, x, y = world_transform(sensor, time), position.x + offset.x, position.y + offset.y
+        d, d_x, d_y = (
+            dr.normalize(mi.Vector3f(to_camera @ mi.Point3f(*on_near, 0)))
+            for on_near in ((x, y), (x + pixel.x, y), (x, y + pixel.y))
+        )
         direction = to_world @ d
         origin = to_world.translation() + direction * (near / d.z)
-        return mi.Ray3f(origin, direction, (far - near) / d.z, time, wavelengths), weight
+        ray = mi.RayDifferential3f(mi.Ray3f(origin, direction, (far - near) / d.z, time, wavelengths))
+        ray.o_x, ray.o_y, ray.d_x, ray.d_y, ray.has_differentials = origin, origin, to_world @ d_x, to_world @ d_y, True
+        return ray, weight
 
     return sample_ray
 

@@ -97,10 +97,10 @@ def luminance(L: mi.Spectrum, wavelengths: mi.Color0f) -> mi.Float:
 
 
 def aov_values(
-    aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+    aovs: mi.Integrator | None, scene: mi.Scene, sampler: mi.Sampler, ray: mi.RayDifferential3f, active: mi.Bool
 ) -> list:
     """Returns the AOVs of Mitsuba's integrator ``aovs`` along ``ray``; empty if ``aovs`` is None."""
-    return [] if aovs is None else list(aovs.sample(scene, sampler, mi.RayDifferential3f(ray), None, active)[2])
+    return [] if aovs is None else list(aovs.sample(scene, sampler, ray, None, active)[2])
 
 
 def parse_aovs(props: mi.Properties) -> tuple[list[str], mi.Integrator | None]:

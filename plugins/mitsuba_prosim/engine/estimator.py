@@ -71,15 +71,18 @@ class Estimator:
         """Takes the ``t``-th sample of the pixels (x, y), and returns ``(values, luminance, position)``.
 
         ``values`` are the sample's values of the channels ``channels.names``, not yet multiplied by the weights of the
-        reconstruction filter; absolute values below :data:`.DARKEST` become 0. ``luminance`` is the luminance
-        of the sample's radiance. A sample whose radiance is infinite or NaN is black, and its ``luminance`` is NaN.
-        ``position`` is the position of the sample, relative to the pixel's upper left corner, in [0, 1)².
+        reconstruction filter; absolute values below :data:`.DARKEST` become 0. ``luminance`` is the luminance of the
+        sample's radiance, or the mean of the bands of a special film, which need not be visible. A sample whose
+        radiance is infinite or NaN is black, and its ``luminance`` is NaN. ``position`` is the position of the sample,
+        relative to the pixel's upper left corner, in [0, 1)².
         """
         points = plan.points(x, y, t)
         # The t-th sample has the same wavelengths as its photons, even if ``points`` has another index: a shared one.
         if self.transport.caustics is not None:
             points.division = t, self.transport.caustics.n
         ray, weight, position = self.camera_ray(x, y, points)
+        # As Mitsuba scales them, by the number of samples of a noisy pixel: that of a single pixel is not known yet.
+        ray.scale_differential(dr.opaque(mi.Float, plan.noisy_samples**-0.5))
         L, alpha, others = self.transport(ray, points, True)
         L *= weight
         # A direction at grazing incidence can overflow. One such sample must not make its pixel black.
@@ -89,10 +92,11 @@ class Estimator:
             layers = [dr.select(finite, layer * weight, 0) for layer in others]
             others = [value for layer in layers for value in self.channels.rgb(layer, ray.wavelengths)]
         values = self.channels.values(L, ray.wavelengths, alpha)
+        Y = self.channels.luminance(values) if self.channels.special else luminance(L, ray.wavelengths)
         aovs = aov_values(self.channels.aovs, self.scene, self.sensor.sampler(), ray, True)
         # The derivative stays: that by the colour of something black is not 0.
         values = [dr.replace_grad(dr.select(dr.abs(v) < DARKEST, 0, v), v) for v in (*values, *others, *aovs)]
-        return values, dr.select(finite, luminance(L, ray.wavelengths), dr.nan), position
+        return values, dr.select(finite, Y, dr.nan), position
 
     def weights(self, position: mi.Point2f, row: int | mi.Int32) -> list[mi.Float]:
         """Returns the filter weights of a sample at ``position``, for the pixels of one row around its own pixel.

@@ -192,7 +192,8 @@ class Samples:
         caustics = estimator.transport.caustics
         which, t, x, y = map(dr_array, np.concatenate(blocks, axis=1))
         x, y = mi.Int32(x), mi.Int32(y)
-        plans: Any = SimpleNamespace(points=lambda *where: noise.Points(plan, which, estimator.transport, *where))
+        plans: Any = SimpleNamespace(noisy_samples=plan.noisy_samples)
+        plans.points = lambda *where: noise.Points(plan, which, estimator.transport, *where)
         points = plans.points(x, y, t)
         if caustics is not None:
             points.division = t, caustics.n

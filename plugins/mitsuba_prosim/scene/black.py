@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import description
+from ..optics.nested import parts
 from ..transport import lobes
 
 #: Half of the darkest grey value of a PNG, in linear light.
@@ -127,8 +128,8 @@ def _after_mirrors(
 
 def innermost(integrator: Any) -> Any:
     """Returns the integrator that finds the light: ``integrator``, or the one nested in it, at any depth."""
-    while hasattr(integrator, "nested"):
-        integrator = integrator.nested
+    while integrator and (inner := [one for one in parts(integrator).values() if isinstance(one, mi.Integrator)]):
+        integrator = inner[0]
     return integrator
 
 

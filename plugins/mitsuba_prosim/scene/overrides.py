@@ -117,20 +117,24 @@ def _is_replaceable(props: mi.Properties, state: mi.parser.ParserState) -> bool:
 
 
 def _replace(integrators: Sequence[mi.parser.SceneNode], parameters: dict[str, Any]) -> str:
-    """Replaces the first of ``integrators`` by ``prosim``, and returns this in words. A ``max_depth`` becomes a
-    ``max_level`` of ``parameters``, unless they have one; ValueError if it allows no reflection.
+    """Replaces the first of ``integrators`` by ``prosim``, which keeps the parameters of all of them that it has, and
+    returns this in words. A ``max_depth`` becomes a ``max_level`` of ``parameters``, unless they have one; ValueError
+    if it allows no reflection.
     """
-    before = mi.Properties(integrators[0].props)
     depth = next((node.props["max_depth"] for node in integrators if "max_depth" in node.props), -1)
     if 0 <= depth < 2 and "max_level" not in parameters:
         raise ValueError(
             f"the scene's max_depth {depth} allows no reflection, but prosim always has one; give --max-level 0 for one"
         )
     parameters.setdefault("max_level", max(depth - 2, -1))  # a path of max_depth 2 has one reflection, as has level 0
+    before, kept = integrators[0].props.plugin_name(), (*SAMPLING, "channels", "hide_emitters", "rr_depth", "aovs")
+    inner_first = [mi.Properties(node.props) for node in reversed(integrators)]
+    found = {name: props[name] for props in inner_first for name in kept if name in props}
+    if "aovs" in found:
+        found["aovs"] = ",".join(props["aovs"] for props in inner_first if "aovs" in props)
     integrators[0].props = mi.Properties("prosim")
-    kept = (*SAMPLING, "aovs", "channels", "hide_emitters", "rr_depth")
-    _set(integrators[0].props, [(name, before[name]) for name in kept if name in before])
-    return f"prosim in place of {before.plugin_name()}"
+    _set(integrators[0].props, found.items())
+    return f"prosim in place of {before}"
 
 
 def _change_prosim(props: mi.Properties, parameters: dict[str, Any]) -> None:

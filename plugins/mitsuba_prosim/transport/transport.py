@@ -101,12 +101,13 @@ class InnerIntegrator:
         #: Names of the AOVs that a call returns after the radiance and the hit.
         self.aov_names = list(integrator.aov_names())
 
-    def __call__(self, ray: mi.Ray3f, points: Points, active: mi.Bool) -> tuple[mi.Spectrum, mi.Float, list[mi.Float]]:
+    def __call__(
+        self, ray: mi.RayDifferential3f, points: Points, active: mi.Bool
+    ) -> tuple[mi.Spectrum, mi.Float, list[mi.Float]]:
         """Returns ``(L, alpha, aovs)`` for the camera ray ``ray``; ``alpha`` is 1 where the integrator reports a hit,
         else 0. Its random numbers are those of ``points``.
         """
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
-        ray = mi.RayDifferential3f(ray)
         if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, self.medium, active)
             return L, dr.select(hit, mi.Float(1), 0), list(aovs)

@@ -264,6 +264,29 @@ def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb):
     assert abs(stretched.mean() - rectangle.mean()) < 4 * error
 
 
+def test_derivatives_by_the_view_match_differences(variant_rgb):
+    """By the field of view and the principal point together, in each pixel, of a floor without edges."""
+    texture = bitmap(np.random.default_rng(1).uniform(0.1, 0.9, (8, 8, 3)))
+    scene = load_scene(
+        integrator={"type": "prosim", "adaptive": "none", "max_level": 0},
+        sensor=camera([0, 3, -4], [0, 0, 0], film(4, pixel_format="rgb", component_format="float32"), fov=20),
+        floor=ground(20, {"type": "diffuse", "reflectance": texture}),
+        lamp=lamp("sphere"),
+    )
+
+    def change(params, e):
+        params.update({"sensor.x_fov": 20 + 10 * e, "sensor.principal_point_offset_x": 0.1 * e})
+
+    forward, backward = derivatives(scene, change)
+    params, sides = mi.traverse(scene), []
+    for e in (0.01, -0.01):
+        change(params, mi.Float(e))
+        sides.append(np.array(mi.render(scene, seed=2, spp=16)))
+    expected = (sides[0] - sides[1]) / 0.02
+    assert forward == pytest.approx(expected, abs=0.01 * float(np.abs(expected).max()))
+    assert backward == pytest.approx(weighted_mean(forward).array[0], rel=1e-3)
+
+
 # ------------------------------------------------------------------ of materials, with reflections and a sky
 
 

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from image_statistics import renderings
+from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.light.strategy import Receiver, direction_to_sphere
 from scenes import T, bitmap, camera, derivative, diffuse, film, grid, ground, load_scene, rgb, sphere_lamp
 
@@ -177,6 +178,35 @@ def test_derivative_by_direction_matches_finite_difference(variant_rgb, make):
 
     difference = (light(h) - light(-h))[0] / (2 * h)
     assert abs(difference) > 0.1 and derivative(light) == pytest.approx(difference, rel=0.01)
+
+
+@pytest.mark.parametrize("shape", ("sphere", "rectangle"))
+def test_derivative_of_an_unattenuated_source_by_its_place(variant_rgb, shape):
+    """The radiance grows with the squared distance of the receiver."""
+    source = {"type": shape, "to_world": T().translate(CENTRE), "emitter": surface(unattenuated=True)}
+    loaded, emitter = emitter_of(source)
+    params, ds = mi.traverse(loaded), dr.zeros(mi.DirectionSample3f)
+    name = to_world_name(params, "source.")
+    to_world = type(params[name])(params[name])
+    ds.d = dr.normalize(mi.Vector3f(CENTRE))
+    ds.n = -ds.d
+
+    def radiance(further):
+        params[name] = mi.Transform4f().translate(mi.Vector3f(CENTRE) * further) @ to_world
+        params.update()
+        return emitter.eval_direction(receiver(), ds).x
+
+    assert derivative(radiance) == pytest.approx(2 * radiance(mi.Float(0))[0], rel=1e-4)
+
+
+def test_density_of_a_sphere_needs_no_point(variant_rgb):
+    """It is uniform over the solid angle of the sphere; a direction that moves with the sphere has no point."""
+    _scene, emitter = emitter_of(sphere(surface()))
+    p, ds = np.array([3.0, 0.0, 0.0]), dr.zeros(mi.DirectionSample3f)
+    ds.d = dr.normalize(mi.Vector3f(CENTRE - p))
+    ds.n = -ds.d
+    cos = np.sqrt(1 - RADIUS**2 / np.sum(np.square(CENTRE - p)))
+    assert emitter.pdf_direction(receiver(p), ds)[0] == pytest.approx(1 / (2 * np.pi * (1 - cos)), rel=1e-4)
 
 
 def test_equal_sources_stay_two(variant_rgb):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import SPHERE
+from ..compat import SPHERE, shape_transform
 from ..light.emitter_methods import has_area, has_points, no_sample, sample_point, sample_shape
 from ..light.source import Source
 from ..registry import plugin
@@ -74,7 +76,8 @@ class Area(Source):
     effect (a mask, the boundary of a medium), this surface is the receiver.
 
     The derivatives with respect to ``direction`` and ``angle`` are those inside the beam: Mitsuba's integrators do not
-    differentiate the discontinuity at the edge of the beam.
+    differentiate the discontinuity at the edge of the beam. Those of an unattenuated mesh by its vertices lack the
+    change of its distance and of its area.
 
     .. tabs::
         .. code-tab:: xml
@@ -136,7 +139,11 @@ class Area(Source):
             if not has_area(shape):
                 allowed = "a shape whose area Mitsuba knows: no curve, ellipsoids or sdfgrid"
                 raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source needs {allowed}.")
-            value *= 4 * dr.squared_norm(receiver - shape.bbox().center()) / shape.surface_area()
+            center = mi.Point3f(shape.bbox().center())  # without derivatives
+            with suppress(KeyError):  # a mesh has no transform
+                if dr.grad_enabled(to_world := shape_transform(shape)):
+                    center = to_world @ (dr.detach(to_world).inverse() @ center)
+            value *= 4 * dr.squared_norm(receiver - center) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
 
     def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Spectrum:
@@ -160,7 +167,7 @@ class Area(Source):
             return no_sample(mi.DirectionSample3f), mi.Spectrum(0)
         varies = mi.has_flag(self.m_flags, mi.EmitterFlags.SpatiallyVarying)
         ds = sample_shape(self.get_shape(), it, sample, active, varies)
-        ds.pdf = self.pdf_shape(it, ds, ds.pdf)
+        ds.pdf = self.pdf_shape(it, ds.pdf)
         active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
         ds.pdf = dr.select(active, ds.pdf, 0)
         ds.emitter = mi.EmitterPtr(self) if dr.is_jit_v(mi.Float) else self
@@ -170,9 +177,9 @@ class Area(Source):
         if not self.can_be_sampled():
             return mi.Float(0)
         active = active & (dr.dot(ds.d, ds.n) < 0)
-        return dr.select(active, self.pdf_shape(it, ds, self.get_shape().pdf_direction(it, ds, active)), mi.Float(0))
+        return dr.select(active, self.pdf_shape(it, self.get_shape().pdf_direction(it, ds, active)), mi.Float(0))
 
-    def pdf_shape(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, pdf: mi.Float) -> mi.Float:
+    def pdf_shape(self, it: mi.Interaction3f, pdf: mi.Float) -> mi.Float:
         """Corrects ``pdf``, Mitsuba's density of `Shape.sample_direction`, for a small or distant sphere.
 
         Mitsuba's density for a sphere of radius r at the distance d has an error of 1 % at r/d = 0.001, because 1 - cos
@@ -182,7 +189,9 @@ class Area(Source):
         if shape.class_name() != SPHERE or shape.has_flipped_normals():
             return pdf
         r2 = shape.surface_area() / (4 * dr.pi)
-        sin2 = r2 / dr.maximum(dr.squared_norm(ds.p - ds.n * dr.sqrt(r2) - it.p), 1e-30)
+        # The point of ``ds`` is not used: a direction that moves with the sphere has none (:mod:`..light.strategy`).
+        center = shape_transform(shape) @ mi.Point3f(0)
+        sin2 = r2 / dr.maximum(dr.squared_norm(center - it.p), 1e-30)
         cap = (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30))
         return dr.select((sin2 < 0.9) & (pdf > 0), cap, pdf)
 

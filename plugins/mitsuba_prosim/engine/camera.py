@@ -38,7 +38,9 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.RayDifferential3f, 
     params = mi.traverse(sensor)
     offset = mi.Point2f(*(params[f"principal_point_offset_{axis}"] for axis in "xy"))
     size, near, far = mi.ScalarVector2i(sensor.film().size()), sensor.near_clip(), sensor.far_clip()
-    fov = float(params["x_fov"][0])  # a number, because a Dr.Jit array would make the size a constant of the kernel
+    fov = params["x_fov"]
+    if not dr.grad_enabled(fov):
+        fov = float(fov[0])  # a number, because a Dr.Jit array would make the size a constant of the kernel
     to_camera = mi.perspective_projection(size, size, mi.ScalarVector2i(0), fov, near, far).inverse()
     near, far = dr.opaque(mi.Float, near), dr.opaque(mi.Float, far)
     pixel = mi.Point2f(*(dr.opaque(mi.Float, 1 / int(side)) for side in size))

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..compat import denormals_rounded, double, dr_array
-from .camera import without_crop_window
+from .camera import ray_sampler, without_crop_window
 from .estimator import lanes
 from .film import film_values, put
 from .image import Image
@@ -29,6 +29,7 @@ class Derivatives:
 
     def __init__(self, state: Image) -> None:
         self.plan, self.estimator, self.sensor = state.plan, state.estimator, state.estimator.sensor
+        self.estimator.rays = ray_sampler(self.sensor)  # again, now with derivatives
         self.counts = state.counts.ravel()
         #: The film's values of the rendered image; and the developed image, which is differentiable by the values.
         self.storage = film_values(state)

@@ -137,6 +137,7 @@ def test_comparison_page_has_all_rows_and_nothing_in_the_network(report):
         (["prosim", "path,max_dept=4,nom=x"], "path has no parameter max_dept, nom\n"),
         (["prosim,samples=-1"], "samples"),
         (["prosim,samples"], "PARAMETER=VALUE"),
+        (["diffuse"], "'diffuse': diffuse is no integrator"),
     ],
 )
 def test_wrong_input_writes_nothing(tmp_path, arguments, message):

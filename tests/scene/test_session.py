@@ -148,6 +148,21 @@ def test_the_files_of_spectra_are_those_that_mitsuba_reads(variant_rgb, tmp_path
     ]
 
 
+def test_material_beside_the_scene_is_a_part_of_it(variant_rgb, tmp_path):
+    """It takes the place of Mitsuba's material of the same name."""
+    (folder := tmp_path / "data" / "ior").mkdir(parents=True)
+    text = '<scene version="3.0.0"><bsdf type="conductor"><string name="material" value="Au"/></bsdf></scene>'
+    (tmp_path / "scene.xml").write_text(text)
+    digests = set()
+    for value in (None, 1, 2):
+        for name in ("Au.eta.spd", "Au.k.spd") if value else ():
+            (folder / name).write_text(f"400 1\n700 {value}")
+        file = scene_file.SceneFile(tmp_path / "scene.xml", tmp_path)
+        assert [path for _, path in file.named_files()[1:]] == sorted(folder.iterdir())
+        digests.add(file.digest())
+    assert len(digests) == 3
+
+
 def test_a_mesh_of_the_language_is_a_source_but_does_not_travel(variant_rgb, tmp_path):
     """The translation has what it says. What is watched is its own file, and its content is part of the digest."""
     path, mesh = tmp_path / "s.scn", tmp_path / "parts" / "wedge.obj"

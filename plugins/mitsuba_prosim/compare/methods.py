@@ -120,6 +120,8 @@ class ComparedScene:
         except RuntimeError as error:
             # The message names a line of the scene, but the error is in the specification: removes the line.
             raise ValueError(f"'{spec.text}': {PLACE.sub('', message(error)).removeprefix(': ')}") from None
+        if not isinstance(integrator, mi.Integrator):
+            raise ValueError(f"'{spec.text}': {spec.integrator} is no integrator; give one, such as path")
         if not spec.is_adaptive:
             spp = spp or sensor.sampler().sample_count()
         return Method(spec.text, self.scene if transport == "scene" else self.lit, sensor, integrator, spp)

@@ -107,6 +107,7 @@ class SceneFile:
             if confinement:
                 confinement.check_state(self.state)
             self._unchanged = mi.parser.ParserState(self.state)  # for digest()
+        self._materials = sorted({*self._material_files()})
         try:
             #: What became of the scene's integrator, such as "path within prosim_adaptive"; None if it is kept.
             self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
@@ -125,6 +126,7 @@ class SceneFile:
         for props, name, path in self._file_parameters(state):
             props[name] = hashlib.sha256(path.read_bytes()).hexdigest()
         versions = " ".join(map(str, state.versions))
+        versions += "".join(hashlib.sha256(path.read_bytes()).hexdigest() for _, path in self._materials)
         return hashlib.sha256(f"{versions}\n{mi.parser.write_string(state)}".encode()).hexdigest()
 
     def named_files(self) -> list[tuple[str, Path]]:
@@ -135,7 +137,7 @@ class SceneFile:
         """
         texts = [(path.name, path) for path in map(Path, map(str, self.state.files))]
         files = [(props[name], path) for props, name, path in self._file_parameters(self.state)]
-        return [*texts, *files, *sorted(self._spectra)]
+        return [*texts, *files, *sorted(self._spectra), *self._materials]
 
     def _spectrum_files(
         self, text: Path, folders: list[str], values: dict[str, str], *within: Path
@@ -173,6 +175,14 @@ class SceneFile:
                 yield name, Path(place)
             elif tag == "include" and os.path.isfile(place):
                 yield from self._spectrum_files(Path(place), search, values, text, *within)
+
+    def _material_files(self) -> Iterator[tuple[str, Path]]:
+        """Yields ``(name, path)`` for the files of each conductor's ``material`` that is not one of Mitsuba's."""
+        for value in (node.props.get("material") for node in self.state.nodes):
+            for name in (file.format(value) for file in compat.MATERIAL_FILES):
+                path = Path(str(self._resolver.resolve(name)))
+                if os.path.isfile(path) and not path.resolve().is_relative_to(Path(INSTALLED).resolve()):
+                    yield name, path
 
     def sources(self) -> list[Path]:
         """Returns the paths of the files that the scene uses, except for a file in the scene language itself, and for

@@ -580,7 +580,7 @@ def test_time_limit_takes_samples_where_the_filter_is_wide(variant_rgb, denoiser
 @pytest.mark.parametrize(
     "make, asked, denoised",
     [
-        (cornell, 0.004, True),
+        (cornell, 0.006, True),
         (functools.partial(penumbra, {"type": "roughconductor", "material": "Cu"}, type="prosim"), 0.0015, False),
     ],
 )

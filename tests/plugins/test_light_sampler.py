@@ -158,11 +158,11 @@ def test_a_lamp_with_a_sampling_weight_of_0_is_off_where_no_ray_meets_it(variant
 )
 def test_lamps_of_all_kinds_and_powers_equal_path(variant_rgb, small, hidden, ball):
     """Significance of each of two images: 0.01 (:func:`.image_statistics.same_expectation`)."""
-    scene = lit(small, ball=ball)
-    path = renderings(scene, 12, spp=400, type="path", max_depth=4, hide_emitters=hidden)
+    scene = lit(small, 16, ball=ball)
+    path = renderings(scene, 12, spp=576, type="path", max_depth=4, hide_emitters=hidden)
     ours = {"type": "prosim", "adaptive": "none", "max_level": 2, "hide_emitters": hidden}
     for bounces in (-1, 20):
-        assert same_expectation(path, renderings(scene, 12, spp=100, diffuse_bounces=bounces, **ours))
+        assert same_expectation(path, renderings(scene, 12, spp=144, diffuse_bounces=bounces, **ours))
 
 
 def test_scalar_variants_choose_too():

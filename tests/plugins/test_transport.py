@@ -394,6 +394,18 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
     assert seen(looking(0.0, it=slab(UNSEEN), behind=behind)) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 
 
+@pytest.mark.parametrize("bounces, lamp, warned", [(-1, "point", True), (-1, "sphere", False), (0, "sphere", True)])
+@pytest.mark.parametrize("surface", ["null", "dielectric"])
+def test_medium_that_stops_the_light_of_a_lamp_causes_a_warning(variant, logged, bounces, lamp, warned, surface):
+    """Not a surface of glass, where ``volpath`` stops shadow rays, too."""
+    lamp = {"type": "point"} if lamp == "point" else sphere_lamp([0, 0, 9], 0.3, 1.0)
+    ours = {"type": "prosim", "diffuse_bounces": bounces}
+    box = {"type": "cube", "bsdf": {"type": surface}, "interior": medium(*SIGMA)}
+    pixel = camera([0, 0, 5], [0, 0, 0], film(1))
+    mi.render(load_scene(sensor=pixel, integrator=ours, box=box, lamp=lamp), spp=1)
+    assert ["end at 'box'" in text for _, text in logged] == [True] * (warned and surface == "null")
+
+
 @pytest.mark.slow
 def test_derivatives_by_absorption_and_thickness(variant_rgb):
     """exp(-s t) has the derivatives -t exp(-s t) and -s exp(-s t)."""

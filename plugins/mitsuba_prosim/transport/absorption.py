@@ -6,6 +6,7 @@ homogeneous media that only absorb light, and ignore media that scatter light or
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import drjit as dr
@@ -13,6 +14,7 @@ import mitsuba as mi
 
 from ..masks import idle
 from ..optics.nested import all_shapes, parts
+from . import lobes
 
 #: Albedo below which a medium does not scatter light. The maximum of a black spectrum may be 3e-8, a rounding error.
 MIN_ALBEDO = 1e-6
@@ -34,6 +36,19 @@ def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
             'media with albedo 0, or render with "volpath".',
         )
     return any(map(only_absorbs, media))
+
+
+def warn_of_shadows(scene: mi.Scene, lamps: Sequence[mi.Emitter]) -> None:
+    """Warns of media whose surface lets rays pass straight on, but not the light of ``lamps``, which only shadow rays
+    find.
+    """
+    media = [s for s in all_shapes(scene) if s.is_medium_transition() and s.bsdf() is not None]
+    if lamps and (dark := [s.id() for s in media if lobes.has_any(s.bsdf().flags(), "Null")]):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: shadow rays end at {', '.join(map(repr, dark))}, unlike in volpath, so the light of points and "
+            "single directions, and in a ray tree of all lamps, does not pass there.",
+        )
 
 
 def media_of(scene: mi.Scene) -> list[mi.Medium]:

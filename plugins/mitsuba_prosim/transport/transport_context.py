@@ -14,7 +14,7 @@ from ..light.table import Lights
 from ..optics.nested import all_flags
 from ..sampling.spaces import CAMERA_SPACES, DIFFUSE, NODE_SPACES, REFLECTED, REFRACTED
 from . import lobes
-from .absorption import absorbs_any, pointer
+from .absorption import absorbs_any, pointer, warn_of_shadows
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
@@ -92,7 +92,11 @@ class Context:
         paths = settings.diffuse_bounces < 0
         self.scattering = Scattering(scene, separate=not paths, whole=paths, attached=attached)
         #: The medium around the camera; None also if no medium of the scene absorbs light (:mod:`.absorption`).
-        self.medium = pointer(camera_medium) if absorbs_any(scene, camera_medium) else None
+        self.medium = None
+        if absorbs_any(scene, camera_medium):
+            self.medium = pointer(camera_medium)
+            delta = [e for e in self.lights.emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Delta)]
+            warn_of_shadows(scene, self.lights.emitters if settings.follows_tree else delta)
         #: Union of the ``mi.BSDFFlags`` of all surfaces; whether any surface has a specular reflection, a specular
         #: transmission, or smooth lobes that are lit from both sides.
         self.flags = all_flags(scene)

@@ -71,7 +71,7 @@ def lamp(name, plugin, kind, shape):
 
 def lit(name, folder):
     """A scene with all kinds of lamps on the shape ``name``, each above its floor and before its mirror."""
-    things, names = {}, []
+    things, names, sensors = {}, [], {}
     for kind, (plugin, parameters) in LAMPS.items():
         x = APART * len(names)
         if (made := lamp(kind, plugin, parameters, shape_of(name, folder, (x, 2.5, 0)))) is None:
@@ -82,28 +82,35 @@ def lit(name, folder):
             kind: made,
             f"floor {kind}": ground(3, diffuse(0.8, 0.8, 0.8)) | {"to_world": place.rotate([1, 0, 0], -90).scale(3)},
             f"mirror {kind}": rectangle(place.translate([0, 2, -3]).scale(2), bsdf={"type": "conductor"}),
-            f"sensor {kind}": camera([x, 1.2, 7], [x, 0, 0.5], film(SIZE), fov=12),
         }
-    return load_scene(**things), names
+        sensors[kind] = camera([x, 1.2, 7], [x, 0, 0.5], film(SIZE), fov=12)
+    sensor = {"type": "batch", "film": film(SIZE * len(names), SIZE), **sensors}
+    return load_scene(**things, sensor=sensor), names
 
 
-def rays(scene, sensor, seed):
-    """The images (36,) of the light that scattered rays find on ways over at most 2 surfaces, and over at most 3."""
-    sampler, count = mi.load_dict({"type": "independent"}), SIZE * SIZE * SAMPLES
+def of_each_lamp(image, lamps):
+    """The pixels (36,) of each lamp in an image that has them side by side."""
+    return [part.ravel() for part in np.split(image, lamps, axis=1)]
+
+
+def rays(scene, lamps, seed):
+    """The light of each lamp that scattered rays find on ways over at most 2 surfaces, and over at most 3."""
+    width = SIZE * lamps
+    sampler, count = mi.load_dict({"type": "independent"}), SIZE * width * SAMPLES
     sampler.seed(seed, count)
     i = dr.arange(mi.UInt32, count) // SAMPLES
-    position = (mi.Point2f(i % SIZE, i // SIZE) + sampler.next_2d()) / SIZE
-    ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
-    L, throughput, active, found = mi.Spectrum(0), mi.Spectrum(1), mi.Bool(True), []
+    position = (mi.Point2f(i % width, i // width) + sampler.next_2d()) / mi.Point2f(width, SIZE)
+    ray, _ = scene.sensors()[0].sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
+    L, throughput, active, ways = mi.Spectrum(0), mi.Spectrum(1), mi.Bool(True), []
     for _ in range(3):
         si = scene.ray_intersect(ray, active)
         L += throughput * dr.select(active, si.emitter(scene).eval(si, active), 0)
-        found.append(dr.block_sum(dr.mean(L), SAMPLES) / SAMPLES)
+        ways.append(dr.block_sum(dr.mean(L), SAMPLES) / SAMPLES)
         active &= si.is_valid()
         bs, weight = si.bsdf().sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), active)
         throughput *= weight
         ray = si.spawn_ray(si.to_world(bs.wo))
-    return [np.array(image) for image in found[1:]]
+    return [of_each_lamp(np.array(image).reshape(SIZE, width), lamps) for image in ways[1:]]
 
 
 def statistics(images):
@@ -112,13 +119,13 @@ def statistics(images):
     return np.mean(images), np.sqrt(squares.sum()) / 2 / squares.size, squares.mean() / 2 * SAMPLES
 
 
-def found(integrator, scene, sensor, samples):
-    """The statistics of the light that ``integrator`` finds; the text of the error where it raises one."""
+def found(integrator, scene, lamps, samples):
+    """The statistics of the light that ``integrator`` finds of each lamp; texts of the error where it raises one."""
     try:
-        images = [np.array(integrator.render(scene, sensor, seed=s, spp=samples)) for s in (1, 2)]
+        images = [np.array(integrator.render(scene, seed=s, spp=samples))[..., :3] for s in (1, 2)]
     except RuntimeError as error:
-        return str(error)
-    return statistics([image[..., :3].mean(axis=2).ravel() for image in images])
+        return [str(error)] * lamps
+    return [statistics(pair) for pair in zip(*(of_each_lamp(image.mean(axis=2), lamps) for image in images))]
 
 
 def failures(name, which, scene, lamps, by_rays, logged):
@@ -126,9 +133,9 @@ def failures(name, which, scene, lamps, by_rays, logged):
     ``by_rays`` of each; a warning excuses it.
     """
     integrator = mi.load_dict(INTEGRATORS[which][0])
-    for lamp, sensor, (expected, error, variance) in zip(lamps, scene.sensors(), by_rays):
-        value = found(integrator, scene, sensor, 64 if which == "caustics" else SAMPLES)
-        warned = [one for one in lamps if any(f"'{one}'" in text for _, text in logged)]
+    values = found(integrator, scene, len(lamps), 64 if which == "caustics" else SAMPLES)
+    warned = [one for one in lamps if any(f"'{one}'" in text for _, text in logged)]
+    for lamp, value, (expected, error, variance) in zip(lamps, values, by_rays):
         if isinstance(value, str):
             if not warned:
                 yield f"{which}, {lamp} on {name}: {value}"
@@ -145,10 +152,9 @@ def test_every_lamp_lights_as_scattered_rays_find(variant_rgb, tmp_path, logged,
     or 6 % with photons, which are blurred; the variances by a factor of at most 4 (times 3.6: F's quantile 0.9999).
     """
     scene, lamps = lit(name, tmp_path)
-    images = [zip(*(rays(scene, sensor, seed) for seed in (3, 4))) for sensor in scene.sensors()]
-    by_rays = dict(zip((2, 3), zip(*(map(statistics, pairs) for pairs in images))))
+    by_rays = [[statistics(pair) for pair in zip(*two)] for two in zip(*(rays(scene, len(lamps), s) for s in (3, 4)))]
     wrong = []
     for which, (_, surfaces) in INTEGRATORS.items():
         logged.clear()
-        wrong += failures(name, which, scene, lamps, by_rays[surfaces], logged)
+        wrong += failures(name, which, scene, lamps, by_rays[surfaces - 2], logged)
     assert not wrong, "\n".join(wrong)

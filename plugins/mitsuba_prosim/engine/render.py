@@ -187,8 +187,8 @@ class Render(Steps):
             return ""
         y, x = np.unravel_index(np.argmax(lost), lost.shape)
         return (
-            f"{lost.sum():,} of {self.counts().sum():,} samples are infinite or NaN, and count as black, most of them in "
-            f"the pixel {x},{y}: a texture, material or lamp gives such values"
+            f"{lost.sum():,} of {self.counts().sum():,} samples are infinite or NaN, and count as black, most of them "
+            f"in the pixel {x},{y}: a texture, material or lamp gives such values"
         )
 
     @property

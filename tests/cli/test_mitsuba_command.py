@@ -130,8 +130,14 @@ def test_native_program_does_all_else(tmp_path, mitsuba):
     done = mitsuba(tmp_path, "-m", "llvm_ad_rgb", "-O", "3", stock)
     assert done.returncode == 0 and (tmp_path / "stock.exr").exists()
     assert "Usage: mitsuba [options]" in mitsuba(tmp_path, "-h").stdout
-    for arguments in (["none.xml"], ["-m", "llvm_wrong", ours], ["-D", "a=1", ours]):
-        assert "Caught a critical exception" in mitsuba(tmp_path, *arguments).stderr
+    for says, *arguments in (
+        ("none.xml", "none.xml"),
+        ("llvm_wrong", "-m", "llvm_wrong", ours),
+        ("$a=1", "-D", "a=1", ours),
+        ("expect key=value", "-D", "a", ours),
+    ):
+        error = mitsuba(tmp_path, *arguments).stderr
+        assert "Caught a critical exception" in error and says in error
     refused = mitsuba(tmp_path, ours, "-O", "3")
     assert refused.returncode == 255 and "-O, -S, -V and -W do not work" in refused.stderr
 

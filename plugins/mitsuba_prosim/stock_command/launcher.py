@@ -23,6 +23,12 @@ MITSUBA_LEVELS = (mi.LogLevel.Info, mi.LogLevel.Debug, mi.LogLevel.Trace)
 DRJIT_LEVELS = tuple(getattr(dr.LogLevel, name) for name in ("Error", "Warn", "Info", "InfoSym", "Debug", "Trace"))
 
 
+def definition(text: str) -> tuple[str, str]:
+    """Returns the key and the value of ``key=value``; raises ValueError for another form."""
+    key, value = text.split("=", 1)
+    return key, value
+
+
 class Arguments(argparse.ArgumentParser):
     """The options of the native program; wrong arguments raise ValueError."""
 
@@ -30,7 +36,7 @@ class Arguments(argparse.ArgumentParser):
         super().__init__("mitsuba", add_help=False, allow_abbrev=False)
         self.add_argument("-t", "--threads", type=int)
         self.add_argument("-v", "--verbose", action="count", default=0)
-        self.add_argument("-D", "--define", action="append", default=[])
+        self.add_argument("-D", "--define", action="append", default=[], type=definition)
         self.add_argument("-s", "--sensor", type=int, default=0)
         self.add_argument("-o", "--output")
         self.add_argument("-m", "--mode")
@@ -49,7 +55,7 @@ def parsed(options: argparse.Namespace, path: str) -> Iterator[mi.parser.ParserS
     """Yields the parsed scene ``path``; inside the ``with`` block, Mitsuba's search path is that of the command."""
     folders = [*filter(None, options.append.split(";")), os.path.dirname(path) or "."]
     with session.search_path(last=folders):
-        yield scene_file.parse(path, dict(definition.split("=", 1) for definition in options.define))
+        yield scene_file.parse(path, dict(options.define))
 
 
 def needs_python(options: argparse.Namespace) -> bool:
@@ -93,13 +99,12 @@ def _main() -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     options = None
-    with suppress(Exception):  # the native program tells what is wrong
+    with suppress(ValueError):  # the native program tells what is wrong
         options = Arguments().parse_intermixed_args()
-        options = options if needs_python(options) else None
-    if options is None:
-        program = str(Path(mi.__file__).with_name("mitsuba"))
-        os.execv(program, [program, *sys.argv[1:]])
     try:
+        if options is None or not needs_python(options):
+            program = str(Path(mi.__file__).with_name("mitsuba"))
+            os.execv(program, [program, *sys.argv[1:]])
         render(options)
         return 0
     except Exception as error:  # noqa: BLE001 (the native command does the same)

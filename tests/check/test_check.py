@@ -168,6 +168,11 @@ def test_integrator_that_ignores_its_depth_fails(monkeypatch, limits):
     assert not check.check({"type": "fixed", "max_depth": 12}).ok
 
 
+def test_scalar_variants_are_refused(variant_scalar):
+    with pytest.raises(RuntimeError, match="scalar_rgb takes one input at a time"):
+        check.check("diffuse")
+
+
 def test_module_cannot_change_the_variant(tmp_path):
     (tmp_path / "own_variant.py").write_text("import mitsuba as mi\nmi.set_variant('scalar_spectral')")
     before = mi.variant()

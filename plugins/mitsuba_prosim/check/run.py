@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -62,8 +63,11 @@ def check(
     """Tests a plugin in the active variant, and compares it with other variants; returns the report.
 
     ``source``, ``node`` and ``modules`` are those of :class:`.Subject`. ``begun`` is called with the name of each test
-    when it begins. Raises TypeError for a kind of plugin without tests, and Mitsuba's errors if it can't be loaded.
+    when it begins. Raises RuntimeError in scalar variants, TypeError for a kind of plugin without tests, and Mitsuba's
+    errors if it can't be loaded.
     """
+    if not dr.is_jit_v(mi.Float):
+        raise RuntimeError(f"check: {mi.variant()} takes one input at a time; use an llvm or cuda variant.")
     subject = Subject(source, node, modules)
     loaded = subject.load()
     name = next((name for name in KINDS if isinstance(loaded, getattr(mi, name))), type(loaded).__name__)

@@ -61,7 +61,7 @@ def test_prosim_denoised_and_denoise_option_make_one_image(denoiser, scene):
 def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(denoiser, scene):
     scene.write_text(OURS)
     done("render", scene, "--denoise", "--checkpoint", "--noise", 0.5, "--resolution", "128x64")
-    printed = done("resume", scene.with_suffix(".state.npz"), "--time", 60).stdout
+    printed = done("resume", scene.with_suffix(".state.npz"), "--noise", 0.5, "--time", 60).stdout
     assert "not denoised: the image reached 0.5 without denoising" in printed
 
 

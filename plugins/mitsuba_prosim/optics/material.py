@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -314,18 +313,12 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     Raises ValueError if a constant reflectance (a number, a colour or a spectrum) is outside [0, 1]; the values of a
     texture, such as an image, are not checked.
     """
-    allowed, values = "reflectances between 0 and 1", constant_values(props, name)
+    values = constant_values(props, name)
     if not all(0 <= v <= 1 for v in values):
-        raise reject(props, name, for_message(values), allowed)
-    if name not in props:
-        return None if default is None else props.get_texture(name, default)
-    texture = props.get_texture(name)
-    if not values:
-        with suppress(RuntimeError):  # only a spectrum knows its maximum
-            values = [texture.max()]
-        if values and values[0] > 1:
-            raise reject(props, name, f"a spectrum up to {values[0]:.6g}", allowed)
-    return texture
+        raise reject(props, name, for_message(values), "reflectances between 0 and 1")
+    if name in props:
+        return props.get_texture(name)
+    return None if default is None else props.get_texture(name, default)
 
 
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:

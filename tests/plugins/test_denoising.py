@@ -222,6 +222,8 @@ def test_what_does_not_fit_is_refused():
     image = np.zeros((4, 4, 3))
     with pytest.raises(ValueError, match=r"\(4, 4, 3\) and \(4, 4, 4\)"):
         mitsuba_prosim.denoise(image, np.zeros((4, 4, 4)))
+    with pytest.raises(ValueError, match="the images are integers"):
+        mitsuba_prosim.denoise(image.astype(np.uint8), image)
     with pytest.raises(ValueError, match=r"normal has the shape \(2, 2, 3\), not \(4, 4, 3\)"):
         mitsuba_prosim.denoise(image, image, image, np.zeros((2, 2, 3)))
     with pytest.raises(ValueError, match="normals only together with an albedo"):

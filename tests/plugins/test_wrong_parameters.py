@@ -68,6 +68,8 @@ WRONG = [
     ],
     ("prosim_dielectric", {"int_ior": 0.5, "int_abbe": 1.0}, "int_abbe|index is > 0 from 360"),
     ("prosim_lambertian", {"reflectance": RGB | {"value": [0.1, 1.2, 0.3]}}, "reflectance|1.2|0 and 1"),
+    ("prosim_lambertian", {"reflectance": {"type": "uniform", "value": 1.2}}, "reflectance|up to 1.2|0 and 1"),
+    ("prosim_conductor", {"specular_reflectance": {"type": "d65", "scale": 1.2}}, "specular_reflectance|0 and 1"),
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": 0.4}, f"{SUM}|1.1|<= 1"),
     ("prosim_composite", {"diffuse_reflectance": 0.7, "specular_reflectance": RGB}, f"{SUM}|1.3|<= 1"),
     *(("prosim_composite", {"int_ior": n}, 'parameter "int_ior" is |; allowed: |> 0') for n in (-1.0, 0.0, "wine")),

@@ -36,6 +36,8 @@ def denoise(
     Returns a :class:`Denoised`. Raises ValueError where the images do not fit, and :class:`.oidn.MissingError` where
     the package mitsuba-oidn is not installed.
     """
+    if any(np.asarray(half).dtype.kind in "biu" for half in (first, second)):
+        raise ValueError("denoise: the images are integers, but must be linear floats (white = 1); convert them first")
     first, second = (np.array(half, dtype=np.float32, ndmin=2) for half in (first, second))
     if first.ndim == 2 == second.ndim:
         first, second = first[..., None], second[..., None]

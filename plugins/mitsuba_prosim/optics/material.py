@@ -311,14 +311,17 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     """Returns the reflectance ``name`` as a texture; ``default`` (a number, or None) if the parameter is absent.
 
     Raises ValueError if a constant reflectance (a number, a colour or a spectrum) is outside [0, 1]; the values of a
-    texture, such as an image, are not checked.
+    texture, such as an image, are not checked, nor those of a plugin as ``ambient`` reflectance.
     """
-    values = constant_values(props, name)
+    values, allowed = constant_values(props, name), "reflectances between 0 and 1"
     if not all(0 <= v <= 1 for v in values):
-        raise reject(props, name, for_message(values), "reflectances between 0 and 1")
-    if name in props:
-        return props.get_texture(name)
-    return None if default is None else props.get_texture(name, default)
+        raise reject(props, name, for_message(values), allowed)
+    if name not in props:
+        return None if default is None else props.get_texture(name, default)
+    texture = props.get_texture(name)
+    if not (values or name == "ambient" or texture.is_spatially_varying()) and texture.max() > 1:
+        raise reject(props, name, f"a spectrum up to {texture.max():.6g}", allowed)
+    return texture
 
 
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:

@@ -71,6 +71,18 @@ def test_colours_of_a_grey_image_are_not_its_other_channels(variant_rgb):
     assert np.array_equal(result.colours, np.array(result)[..., [0, 0, 0]])
 
 
+@pytest.mark.parametrize("denoised", [False, True])
+def test_xyz_film_is_shown_in_rgb(variant_rgb, denoised):
+    if denoised:
+        pytest.importorskip("mitsuba_oidn")
+    shown = []
+    for pixel_format in "rgb", "xyz":
+        made = scene({"type": "prosim"})
+        made["sensor"]["film"] |= {"pixel_format": pixel_format}
+        shown.append(mitsuba_prosim.render(made, spp=4, denoise=denoised, progress=False).colours)
+    np.testing.assert_allclose(shown[0].mean((0, 1)), shown[1].mean((0, 1)), rtol=0.02 if denoised else 1e-4)
+
+
 def test_progress_decreases_where_rare_bright_samples_raise_the_error(variant_rgb):
     """A glass ball focuses a small lamp, which the first samples miss."""
     ball = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5, "bsdf": {"type": "dielectric"}}

@@ -81,7 +81,7 @@ def layers_of_render(render: Render, integrator: mi.Integrator) -> dict[str, np.
     """
     kind, image, estimator = getattr(integrator, "layers", "none"), np.array(render.image()), render.state.estimator
     first = image.shape[2] - len(estimator.channels.aov_names)  # the first AOV; before it are the colours and alpha
-    final = colours(image[..., :first])
+    final = colours(image[..., :first], estimator.sensor.film())
     layers = {"final": final, "error": render.error(), "samples": render.counts().astype(np.float32)}
     if kind != "none":
         for k, name in enumerate(estimator.transport.aov_names, first):
@@ -101,12 +101,17 @@ def fill_unknown(known: np.ndarray, values: np.ndarray, previous: np.ndarray | N
     return np.where(mask, values, previous[np.ix_(rows, columns)])
 
 
-def colours(image: np.ndarray) -> np.ndarray:
+def colours(image: np.ndarray, film: mi.Film | None = None) -> np.ndarray:
     """Returns the colours of a developed image, shape (height, width, channels): its first three channels, or a grey
-    image three times.
+    image three times. XYZ colours, which the ``film`` has made, are converted to RGB.
     """
     image = image.astype(np.float32, copy=False)
-    return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
+    if image.shape[2] < 3:
+        return np.repeat(image[..., :1], 3, axis=2)
+    if film is not None and film.bitmap().struct_()[0].name == "X":
+        bitmap = mi.Bitmap(np.ascontiguousarray(image[..., :3]), mi.Bitmap.PixelFormat.XYZ)
+        return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
+    return image[..., :3]
 
 
 def as_png(values: np.ndarray) -> bytes:
@@ -229,7 +234,8 @@ class ProgressiveImage:
             return self._coarse
         latest, self.new = layers_of_render(self.render, self.integrator), False
         if (result := self._result) is not None:
-            shown = {name: colours(getattr(result, name)) for name in ("final", "raw", "denoised")}
+            film = self.render.state.estimator.sensor.film()
+            shown = {name: colours(getattr(result, name), film) for name in ("final", "raw", "denoised")}
             return {"final": shown["final"], "error": result.final_error, "samples": latest["samples"], **shown}
         known = latest["samples"] > 0
         if known.all():

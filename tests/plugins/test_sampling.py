@@ -204,3 +204,13 @@ def test_sampler_stratifies_for_integrators_in_cpp_and_in_python(variant_rgb, in
     cut = np.flatnonzero((image.mean(axis=0) > 0.01) & (image.mean(axis=0) < 0.99))
     assert len(cut) == 1
     assert np.ptp(image[:, cut]) < 0.02
+
+
+def test_sampler_repeats_no_samples_in_several_passes_of_integrators_in_cpp(variant_rgb):
+    sampler = mi.load_dict({"type": "nrook", "sample_count": 16})
+    sampler.seed(mi.UInt32(3), 160)  # as with samples_per_pass = 4: each of 40 pixels has 4 lanes
+    points = []
+    for _ in range(4):
+        points.append(np.array(sampler.clone().next_2d()).T)
+        sampler.advance()
+    assert len(np.unique(np.concatenate(points), axis=0)) == 4 * 160

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..parameters import whole
+from .hash import hash32
 from .nrook import NRook, pixel_key
 from .sobol import Sobol
 
@@ -17,6 +18,7 @@ class PureSampler(mi.Sampler):
         super().__init__(props)
         self.base_seed = whole(props, "seed", 0, 0, 2**32 - 1)
         self.pixel, self.index, self.dimension = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
+        self.step = 1
         self.set_sample_count(whole(props, "sample_count", 4, 1))
 
     def points(self) -> NRook | Sobol:
@@ -46,6 +48,7 @@ class PureSampler(mi.Sampler):
         """Returns a copy of this sampler, which continues at the same sample and dimension."""
         copy = self.fork()
         copy.pixel, copy.index, copy.dimension = map(mi.UInt32, (self.pixel, self.index, self.dimension))
+        copy.step = self.step
         return copy
 
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
@@ -58,25 +61,28 @@ class PureSampler(mi.Sampler):
         if dr.is_jit_v(mi.Float):
             dr.make_opaque(key)
             lane = dr.arange(mi.UInt32, self.wavefront_size())
-        if self.samples_per_wavefront is None:
+        adjacent = self.step = self.samples_per_wavefront or 1
+        untold = self.samples_per_wavefront is None and not isinstance(seed, int)
+        if untold and self.wavefront_size() % self.sample_count() == 0:
             # Integrators in C++ seed with an array. These integrators tell only the base class how many samples of a
-            # pixel are in adjacent lanes: all of them, if the wavefront has less than 2^32 lanes.
-            separate = isinstance(seed, int) or self.wavefront_size() % self.sample_count() > 0
-            self.samples_per_wavefront = 1 if separate else self.sample_count()
-        self.pixel = pixel_key(key, lane // self.samples_per_wavefront)
-        self.index = mi.UInt32(lane % self.samples_per_wavefront)
+            # pixel are in adjacent lanes: all of them, but with ``samples_per_pass`` or more than 2^32 samples.
+            adjacent, self.step = self.sample_count(), 0
+        self.pixel = pixel_key(key, lane // adjacent)
+        self.index = mi.UInt32(lane % adjacent)
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def advance(self) -> None:
         """Starts the next sample in each lane; the other lanes of the pixel take the samples between."""
         # The method of the base class would only advance its own counters, and call this method first.
-        self.index += self.samples_per_wavefront
+        self.index += self.step
+        if self.step == 0:  # the wavefront had only some of the samples, so the next one has a pattern of its own
+            self.pixel = hash32(self.pixel)
         self.dimension = dr.opaque(mi.UInt32, 0)
 
     def schedule_state(self) -> None:
         """Schedules the state of the sampler for evaluation by Dr.Jit."""
         super().schedule_state()
-        dr.schedule(self.index, self.dimension)
+        dr.schedule(self.pixel, self.index, self.dimension)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
         """Returns the next two random numbers of the current sample, a point in [0, 1)²."""

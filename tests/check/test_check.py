@@ -24,14 +24,10 @@ GROOVES = {"multiple_scattering": True}
 GAUSSIAN = {"alpha": 0.3, "distribution": "gaussian", "fresnel": "thesis", "eta": 1.5, "k": 2.0}
 #: Plugins with parameters.
 SETS = {
-    "prosim_conductor": [{}, {"alpha": 0.3, **GROOVES}, {"exponent": 3.0}, GAUSSIAN],
+    "prosim_conductor": [{}, {"exponent": 20.0, **GROOVES}, {"exponent": 3.0}, GAUSSIAN],
     "prosim_dielectric": [{}, {"alpha": 0.3}, {"exponent": 30.0, "int_ior": 1.43, "int_abbe": 2.8}],
-    "prosim_composite": [
-        {"alpha": 0.4},
-        {"exponent": 20.0, **GROOVES},
-        {"alpha": 1.0, "distribution": "gaussian", **GROOVES},
-    ],
-    "prosim_phong": [{"exponent": 0.0}, {"exponent": 20.0}, {"exponent": 5.0, **LITERAL}],
+    "prosim_composite": [{"alpha": 1.0, "distribution": "gaussian", **GROOVES}],
+    "prosim_phong": [{"exponent": 0.0}, {"exponent": 5.0, **LITERAL}],
     "prosim_area": [SPOT, {"distribution": "cone", "angle": 25.0}],
     "prosim_point": [SPOT, {"distribution": "cone", "angle": 25.0}],
     "thinlens": [{"aperture_radius": 0.1}],

@@ -380,18 +380,18 @@ def test_threshold_and_limits(variant_rgb):
 def test_neighbours_have_no_bias_and_the_thesis_a_small_one(variant_rgb):
     """A pixel's own samples that decide bias it (Kirk and Arvo 1991): up, in the mean of this scene, by some 0.05 %.
 
-    The mean of the image over 100 seeds, in standard errors; 3.3 is a two-sided significance of 0.001.
+    The mean of the image over 24 seeds, in standard errors; 3.5 is a two-sided significance of 0.001.
     """
 
     def mean(**settings):
-        means = renderings(penumbra(type="prosim", **settings), 100).mean((1, 2, 3))
+        means = renderings(penumbra(size=64, type="prosim", **settings), 24).mean((1, 2, 3))
         return means.mean(), means.std(ddof=1) / np.sqrt(len(means))
 
     truth, truth_error = mean(adaptive="none", samples=8)
     neighbours, neighbours_error = mean(adaptive="neighbours", samples=4)
     thesis, thesis_error = mean(adaptive="thesis", samples=4, threshold=0.006)
-    assert abs(neighbours - truth) < 3.3 * np.hypot(truth_error, neighbours_error)
-    assert abs(thesis - truth) > 3.3 * np.hypot(truth_error, thesis_error)
+    assert abs(neighbours - truth) < 3.5 * np.hypot(truth_error, neighbours_error)
+    assert abs(thesis - truth) > 3.5 * np.hypot(truth_error, thesis_error)
     assert abs(thesis / truth - 1) < 0.01
 
 

@@ -33,6 +33,8 @@ WRAPPERS = {
 SKY = np.random.default_rng(2).random((4, 8, 3)) + 0.2
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 LAMPS = ("constant", "envmap", "point", "area")
+#: Each has every second material, because Mitsuba turns the frame of all of them alike.
+MAPS = ("bumpmap", "normalmap")
 
 
 def light(name):
@@ -101,8 +103,8 @@ def failures(names, expected, found):
 @pytest.mark.parametrize("wrapper, lamp", PLACES)
 def test_surface_looks_as_by_path(variant_rgb, wrapper, lamp):
     """A blend is compared with the mean of its materials: Mitsuba's blend of ideal and smooth lobes is biased."""
-    cards = {}
-    for name, bsdf in materials().items():
+    cards, chosen = {}, [*materials().items()]
+    for name, bsdf in chosen[MAPS.index(wrapper) :: 2] if wrapper in MAPS else chosen:
         if wrapper == "twosided" and mi.has_flag(mi.load_dict(bsdf).flags(), mi.BSDFFlags.Transmission):
             with pytest.raises(RuntimeError, match="without a transmission component"):
                 mi.load_dict(WRAPPERS[wrapper](bsdf))

@@ -5,11 +5,10 @@ import sys
 import numpy as np
 import OpenEXR
 import pytest
-from running import LIT_FLOOR, done, metadata, pixels, refused, scene_text
+from running import LIT_FLOOR, PATH, done, metadata, pixels, refused, scene_text
 from scenes import channels
 
 OURS = scene_text('<integrator type="prosim"><integer name="samples" value="4"/></integrator>', LIT_FLOOR)
-PATH = '<integrator type="path"/>'
 DENOISED = f'<integrator type="prosim_denoised">{PATH}</integrator>'
 
 

@@ -164,8 +164,7 @@ def test_albedo_is_the_colour_of_the_surface(variant_rgb, bsdf, albedo):
         nested += [{"type": name, name: bitmap(FLAT), "b": own} for name in ("bumpmap", "normalmap")]
         if bsdf["type"] != "prosim_dielectric":
             nested.append({"type": "twosided", "b": own})
-        si = dr.zeros(mi.SurfaceInteraction3f, 3)
-        si.wi = dr.normalize(mi.Vector3f([0, 0.6, 0.99], 0, [1, 0.7, 0.1]))
+        si = curves.interaction(dr.normalize(mi.Vector3f([0, 0.6, 0.99], 0, [1, 0.7, 0.1])))
         for each in nested:
             assert np.allclose(np.array(mi.load_dict(each).eval_diffuse_reflectance(si)), albedo, atol=1e-5), each
 
@@ -234,8 +233,6 @@ def test_derivative_of_a_sample_is_a_finite_difference(variant_rgb, key, at, bsd
 
 def test_loaded_phong_keeps_a_sum_above_1(variant_rgb):
     bsdf = mi.load_dict({"type": "prosim_phong", "diffuse_reflectance": 0.8, "specular_reflectance": 0.6})
-    si = dr.zeros(mi.SurfaceInteraction3f)
-    si.wi = mi.Vector3f(0, 0, 1)
-    context = mi.BSDFContext()
+    si, context = curves.interaction(mi.Vector3f(0, 0, 1)), mi.BSDFContext()
     context.component = 0
     assert bsdf.sample(context, si, 0.5, mi.Point2f(0.5))[1].x[0] == pytest.approx(0.6)

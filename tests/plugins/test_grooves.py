@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import scipy
+from drawing.curves import interaction
 from scenes import slow
 
 RAYS = 300_000
@@ -69,12 +70,6 @@ def walk(wi, roughness, value, reflectance, rng):
     return np.column_stack([xy, direction[:, 1]]), light
 
 
-def interaction(wi):
-    si = dr.zeros(mi.SurfaceInteraction3f)
-    si.wi = wi if isinstance(wi, mi.Vector3f) else mi.Vector3f(*map(float, wi))
-    return si
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind, roughness, value", GROOVES)
 def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughness, value):
@@ -99,7 +94,8 @@ def test_groove_reflects_as_rays_followed_one_by_one(variant_rgb, kind, roughnes
         z = (np.arange(30)[:, None] // 6 + u[0]) / 5
         phi = (np.arange(30)[:, None] % 6 + u[1]) * np.pi / 3 - np.pi
         w = mi.Vector3f(*(x.ravel() for x in (np.sqrt(1 - z * z) * np.cos(phi), np.sqrt(1 - z * z) * np.sin(phi), z)))
-        values = np.array(bsdf.eval(mi.BSDFContext(), interaction(wi), w))[0].reshape(30, -1) * (2 * np.pi / 30)
+        values = np.array(bsdf.eval(mi.BSDFContext(), interaction(mi.Vector3f(wi)), w))[0].reshape(30, -1)
+        values *= 2 * np.pi / 30
         # Few rays say little of their own variance; light that is at most 1 has at most the variance of its mean.
         variance = np.where(np.bincount(bins, minlength=30) < 100, values.mean(1), variance)
         error = variance / RAYS + values.var(1) / values.shape[1] + 1e-12
@@ -115,8 +111,7 @@ def test_derivative_in_a_call_of_several_bsdfs_is_a_finite_difference(variant_rg
     name = next(key for key in params.keys() if "alpha" in key)  # noqa: SIM118 (not a dict)
     rng = np.random.default_rng(3)
     wi, wo = (mi.Vector3f(x / np.linalg.norm(x, axis=0)) for x in np.abs(rng.normal(size=(2, 3, 64))))
-    si = dr.zeros(mi.SurfaceInteraction3f, 64)
-    si.wi = wi
+    si = interaction(wi)
 
     def total(alpha):
         params[name] = alpha

@@ -50,7 +50,9 @@ def torus(radius, o, d):
     companion = np.zeros((len(o), 4, 4))
     companion[:, 1:, :3] = np.eye(3)
     companion[:, :, 3] = -np.stack(coefficients[:0:-1], axis=1) / coefficients[0][:, None]
-    roots = np.sort(np.linalg.eigvals(companion).real, axis=1)
+    meets = b * b > a * ((o * o).sum(axis=1) - (1 + radius) ** 2)  # the ball around the torus
+    roots = np.zeros((len(o), 4))
+    roots[meets] = np.sort(np.linalg.eigvals(companion[meets]).real, axis=1)
     for near, far in zip(roots.T, roots.T[1:]):
         p = o + d * ((near + far) / 2)[:, None]
         within = (np.hypot(p[:, 0], p[:, 1]) - 1) ** 2 + p[:, 2] ** 2 < radius**2

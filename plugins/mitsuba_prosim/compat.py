@@ -227,6 +227,9 @@ AOV, PATH = "AOVIntegrator", "PathIntegrator"
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
+#: Class names of ``plastic`` and ``roughplastic``, which lack derivatives.
+PLASTICS = ("SmoothPlastic", "RoughPlastic")
+
 #: Class names of BSDFs that name their components, but evaluate all of them together.
 EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
 

@@ -443,6 +443,46 @@ def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffu
         assert derivative(mean, 0.6) == pytest.approx(expected, rel=0.06)
 
 
+def card_below_a_sky(bsdf):
+    return load_scene(
+        integrator={"type": "prosim", "diffuse_bounces": -1},
+        sensor=camera([0, 0, 5], [0, 0, 0], film(8), fov=10),
+        sky={"type": "constant"},
+        card={"type": "rectangle", "bsdf": bsdf},
+    )
+
+
+@pytest.mark.parametrize("around", [{}, *slow({"type": "mask", "opacity": 0.6}, {"type": "twosided"})])
+@pytest.mark.parametrize("name", ["diffuse_reflectance", "specular_reflectance"])
+def test_the_choice_of_a_lobe_of_plastic_has_no_derivative(variant_rgb, around, name):
+    """Backward, the derivative by kd was wrong by 7 %, and that by ks by 95 %."""
+    plastic = {"type": "plastic", "diffuse_reflectance": 0.5, "specular_reflectance": 0.7, "int_ior": 1.5}
+    scene = card_below_a_sky(around | {"b": plastic} if around else plastic)
+    key = next(key for key, _ in mi.traverse(scene) if name in key)
+
+    def change(params, e):
+        params[key] = type(params[key])(0.5 + e)
+
+    params, sides = mi.traverse(scene), []
+    for e in (0.05, -0.05):
+        change(params, e)
+        params.update()
+        sides.append(weighted_mean(mi.render(scene, seed=2, spp=1024)).array[0])
+    forward, backward = derivatives(scene, change, spp=1024)
+    assert backward == pytest.approx((sides[0] - sides[1]) / 0.1, rel=0.01)
+    assert weighted_mean(forward).array[0] == pytest.approx(backward, rel=1e-3)
+
+
+def test_derivatives_that_roughplastic_lacks_cause_a_warning(variant_rgb, logged):
+    scene = card_below_a_sky({"type": "twosided", "b": {"type": "roughplastic", "alpha": 0.3}})
+    for name, warned in ("diffuse_reflectance.value", False), ("alpha", True):
+        params = mi.traverse(scene)
+        dr.enable_grad(params[f"card.bsdf.brdf_0.{name}"])
+        params.update()
+        dr.backward(dr.mean(mi.render(scene, params, spp=1), axis=None))
+        assert sum("derivatives by alpha of" in text for _, text in logged) == len(logged) == warned
+
+
 @pytest.mark.parametrize("diffuse_bounces", [0, -1])
 def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bounces):
     """The image of a card, seen from behind, is proportional to the radiance of the sky. The noise is 0.2 %."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, MASK
+from ..compat import BLEND, MASK, PLASTICS
 from ..masks import dispatch
 from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
@@ -34,6 +34,8 @@ class Scattering:
         mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
         if whole and not attached:
             mixes = any(workarounds.mixes_wrongly(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
+        elif whole:  # only a request for all lobes needs the probabilities of those of ``plastic``
+            mixes = mixes or any(one.class_name() == PLASTICS[0] for bsdf in bsdfs for one in all_within(bsdf))
         self.attached = attached
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)

@@ -8,6 +8,9 @@
     BSDFs itself (:func:`_sample_mixture`). It cannot do so within a ``bumpmap`` or ``normalmap``: see
     :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending
     weight; :func:`sample` adds it.
+``plastic``
+    divides by the probability of its ideal lobe, whose derivative by the reflectances biases that of the image. So
+    :func:`sample` removes this derivative.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
     and :func:`belongs_to` assigns each sample to one lobe.
@@ -31,7 +34,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, emitter_samples, is_users
+from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, PLASTICS, emitter_samples, is_users
 from ..light.emitter_methods import loses_light, name_of
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
@@ -78,6 +81,17 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
             f"prosim: {', '.join(map(repr, holed))} may reflect too little light: Mitsuba's path forgets the light of "
             'the surface around a hole that shows nothing behind it. Render with "prosim" or "prb".',
         )
+
+
+def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
+    """Warns of parameters with derivatives from which Mitsuba's BSDFs compute tables, which have no derivatives."""
+    for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, PLASTICS[1])):
+        if names := [name for name in ("alpha", "eta") if dr.grad_enabled(mi.traverse(bsdf)[name])]:
+            mi.Log(
+                mi.LogLevel.Warn,
+                f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are wrong: Mitsuba's roughplastic "
+                "tabulates its transmittance without them. Use principled or prosim_composite.",
+            )
 
 
 def _is_smooth(bsdf: mi.BSDF) -> bool:
@@ -158,12 +172,15 @@ def sample(
     """
     lobe = requested_lobes(lobe, bsdf)
     blends = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
-    # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative.
+    plastic, masked = attached and any(_within(bsdf, PLASTICS[0])), any(_within(bsdf, MASK))
+    # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative. A ``mask`` hides the probabilities of ``plastic``.
     lacks = attached and any(lobes.has_any(flags, *lobes.IDEAL) for flags in blends)
-    if (lacks or mixes_wrongly(lobe, bsdf)) and bsdf.class_name() not in MAPS:
-        bs, weight = _sample_mixture(lobe, bsdf, si, u, active)
+    if (lacks or (plastic and masked) or mixes_wrongly(lobe, bsdf)) and bsdf.class_name() not in MAPS:
+        bs, weight = _sample_mixture(lobe, bsdf, si, u, active, attached)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
+        if plastic and not masked:
+            weight *= dr.relative_grad(dr.select(bs.pdf > 0, bs.pdf, 1))
     if users := of_users(bsdf):
         flags = functools.reduce(operator.or_, (int(one.flags()) for one in users))
         flags = flags & lobes.mask(*lobes.SMOOTH) or flags
@@ -173,7 +190,7 @@ def sample(
 
 
 def _sample_mixture(
-    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool
+    lobe: mi.BSDFContext, bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, u: LobePoint, active: mi.Bool, attached: bool
 ) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
     """Samples one of the :func:`.leaves` of a mixture. A sample of a smooth lobe has the density and the value of all
     leaves together.
@@ -189,7 +206,7 @@ def _sample_mixture(
             one, own = dr.zeros(mi.BSDFSample3f), mi.Spectrum(1)
             one.wo, one.pdf, one.eta, one.sampled_type = -si.wi, 1, 1, lobes.mask("Null")
         else:
-            one, own = sample(lobe, leaf.bsdf, leaf.si, (rest, point), chosen)
+            one, own = sample(lobe, leaf.bsdf, leaf.si, (rest, point), chosen, attached)
             # Of several lobes on the same side, only the value tells.
             value = evaluate(lobe, leaf.bsdf, leaf.si, one.wo, chosen) if is_inseparable(leaf.bsdf) else 0.0
             one.pdf = dr.select(failed(leaf.si, one, own, value), 0, one.pdf)

@@ -3,7 +3,7 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from image_statistics import same_expectation
+from image_statistics import renderings, same_expectation
 from mitsuba_prosim.transport import radiance as layers
 from scenes import T, area, penumbra, rectangle, rgb, sphere_lamp, without
 
@@ -68,7 +68,7 @@ def test_the_layer_of_a_lamp_has_the_expectation_of_a_render_with_it_alone(varia
     settings = {"diffuse_bounces": bounces, "samples": 4}
     parts = [rendered(scene(ball, layers="lights", **settings), seed)[1] for seed in range(10)]
     for name in LAMPS:
-        single = np.stack([rendered(scene(ball, lamps(name), **settings), 100 + seed)[0] for seed in range(10)])
+        single = renderings(scene(ball, lamps(name), **settings), 10, first_seed=100)
         assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3)
 
 

@@ -236,7 +236,7 @@ def test_paths_have_workarounds_only_where_they_need_them(variant_rgb, monkeypat
     assert Scattering(scene, separate=False, whole=True).needs_workarounds == needed
     monkeypatch.setattr(workarounds, "mixes_wrongly", lambda *_: True)
     monkeypatch.setattr(
-        workarounds, "_sample_mixture", lambda lobe, one, si, u, active: one.sample(lobe, si, *u, active)
+        workarounds, "_sample_mixture", lambda lobe, one, si, u, active, _: one.sample(lobe, si, *u, active)
     )
     again = np.array(mi.render(scene, integrator=paths, spp=16))
     assert needed or (np.array_equal(image, again) and image.any())

@@ -33,7 +33,7 @@ WRAPPERS = {
 SKY = np.random.default_rng(2).random((4, 8, 3)) + 0.2
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 LAMPS = ("constant", "envmap", "point", "area")
-#: Each has every second material, because Mitsuba turns the frame of all of them alike.
+#: Each has every second material, because both turn the frame alike in our code, and all pairs take long.
 MAPS = ("bumpmap", "normalmap")
 
 

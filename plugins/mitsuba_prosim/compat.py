@@ -227,7 +227,7 @@ AOV, PATH = "AOVIntegrator", "PathIntegrator"
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
-#: Class names of ``plastic`` and ``roughplastic``, which lack derivatives.
+#: Class names of ``plastic`` and ``roughplastic``: some of their derivatives are wrong.
 PLASTICS = ("SmoothPlastic", "RoughPlastic")
 
 #: Class names of BSDFs that name their components, but evaluate all of them together.

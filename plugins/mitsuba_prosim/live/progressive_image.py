@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ..compat import description
 from ..denoising.final_image import FinalImage, denoised_progressive
 from ..engine.camera import coarse_film
 from ..engine.render import Reached, Render
@@ -108,7 +109,7 @@ def colours(image: np.ndarray, film: mi.Film | None = None) -> np.ndarray:
     image = image.astype(np.float32, copy=False)
     if image.shape[2] < 3:
         return np.repeat(image[..., :1], 3, axis=2)
-    if film is not None and film.bitmap().struct_()[0].name == "X":
+    if film is not None and "pixel_format = xyz" in description(film):  # the film does not expose it
         bitmap = mi.Bitmap(np.ascontiguousarray(image[..., :3]), mi.Bitmap.PixelFormat.XYZ)
         return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     return image[..., :3]

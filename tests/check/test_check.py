@@ -176,6 +176,7 @@ def test_module_cannot_change_the_variant(tmp_path):
     assert mi.variant() == before
 
 
+@pytest.mark.slow
 def test_module_of_one_variant_is_not_tested_in_others(tmp_path):
     lines = f"import mitsuba as mi, mutants\nassert mi.variant() == {mi.variant()!r}"
     (tmp_path / "one_variant.py").write_text(lines)

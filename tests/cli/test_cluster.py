@@ -129,6 +129,7 @@ except Exception as error:
     assert client.submit(abs, -1).result() == 1
 
 
+@pytest.mark.slow
 def test_without_workers_nothing_is_begun(lamp, monkeypatch):
     """Where they can't be started in three attempts, where the package lacks, and where no scheduler answers, not even
     at a port that another program has.
@@ -188,6 +189,7 @@ def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator
     assert np.all(counts() == SPP)
 
 
+@pytest.mark.slow
 def test_by_threads_of_this_process(lamp, monkeypatch):
     """A work item that fails three times ends the render with its error."""
     with distributed.Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=None) as client:

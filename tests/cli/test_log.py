@@ -91,6 +91,7 @@ def test_deleted_current_folder_is_named(tmp_path):
     assert done.returncode == 2 and done.stderr == "Error: the current folder was deleted; change to another folder.\n"
 
 
+@pytest.mark.slow
 def test_names_of_files_are_utf_8_in_any_locale(write_scene):
     """Also where Python would read them as ASCII."""
     scene = write_scene("LIGHTS POINT position 0 9 9 CSG-TREE CUBE 0 SURFACE 0 TRANSFORM 0 END", "maçã.scn")

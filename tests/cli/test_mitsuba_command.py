@@ -124,6 +124,7 @@ def test_wrong_parameter(tmp_path, mitsuba):
     assert not (tmp_path / "scene.exr").exists()
 
 
+@pytest.mark.slow
 def test_native_program_does_all_else(tmp_path, mitsuba):
     """Its own scenes, also with options of the compiler, and help and errors."""
     stock, ours = write(tmp_path, "stock.xml", "independent", "diffuse"), write(tmp_path, "ours.xml")

@@ -12,6 +12,7 @@ OURS = scene_text('<integrator type="prosim"><integer name="samples" value="4"/>
 DENOISED = f'<integrator type="prosim_denoised">{PATH}</integrator>'
 
 
+@pytest.mark.slow
 def test_the_raw_image_is_never_lost(denoiser, scene):
     exr, png = scene.with_suffix(".exr"), scene.with_suffix(".png")
     scene.write_text(OURS.replace('<film type="hdrfilm">', '<film type="hdrfilm"><rfilter type="box"/>'))

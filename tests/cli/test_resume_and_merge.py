@@ -67,6 +67,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     assert "maximum number of samples per pixel, 400" in report.stdout
 
 
+@pytest.mark.slow
 def test_limit_that_is_reached_does_not_end_a_render_with_another(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
     done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--time", 0.3)

@@ -83,6 +83,7 @@ def test_xyz_film_is_shown_in_rgb(variant_rgb, denoised):
     np.testing.assert_allclose(shown[0].mean((0, 1)), shown[1].mean((0, 1)), rtol=0.02 if denoised else 1e-4)
 
 
+@pytest.mark.slow
 def test_progress_decreases_where_rare_bright_samples_raise_the_error(variant_rgb):
     """A glass ball focuses a small lamp, which the first samples miss."""
     ball = {"type": "sphere", "center": [0, 0, 1], "radius": 0.5, "bsdf": {"type": "dielectric"}}

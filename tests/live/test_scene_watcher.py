@@ -20,6 +20,7 @@ def scene(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_watcher_notices_changes_of_the_scenes_files_only(scene):
     picture = scene.parent / "pictures" / "wood.png"
     files = SceneWatcher(scene)

@@ -130,6 +130,7 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
 # ---------------------------------------------------------------- the same bits
 
 
+@pytest.mark.slow
 def test_bands_crops_and_threads_do_not_change_a_bit(variant_rgb):
     assert_same_bits(on_metal())
 
@@ -251,6 +252,7 @@ def met_by_rays():
     }
 
 
+@pytest.mark.slow
 def test_rays_know_how_many_photons_there_are_as_these_do_themselves(variant_rgb):
     """The same line, of a photon that starts and of a ray of the eye that ends in its source."""
     glass = {"type": "dielectric"}
@@ -412,6 +414,7 @@ def mirrored(kind, channel):
     return {"type": kind, "intensity": power} | where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", KINDS, ids="+".join)
 def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kinds):
     """What paths find seldom or never: light of sources of little or no extent by way of a mirror. It comes to the

@@ -275,6 +275,7 @@ def test_albedo_is_the_colour_that_is_seen(variant_rgb, bsdf, albedo):
     np.testing.assert_allclose(normal, np.broadcast_to([0, 0, -1], normal.shape), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_features_look_past_sources_that_are_hidden(variant_rgb):
     scene = view(diffuse(0, 0, 0), **area(rgb(0.5, 0.5, 7)))
     shown, _ = halves.features(scene, scene.sensors()[0])

@@ -191,6 +191,7 @@ def change_of(scene, name):
 TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings, key",
     [
@@ -264,6 +265,7 @@ def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb):
     assert abs(stretched.mean() - rectangle.mean()) < 4 * error
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_view_match_differences(variant_rgb):
     """By the field of view and the principal point together, in each pixel, of a floor without edges."""
     texture = bitmap(np.random.default_rng(1).uniform(0.1, 0.9, (8, 8, 3)))

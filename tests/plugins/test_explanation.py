@@ -91,6 +91,7 @@ def test_contributions_sum_with_dispersion_in_spectra(variant_spectral, settings
     check_sums(mi.load_dict(penumbra(ball, SIZE, type="prosim", adaptive="none", **settings)))
 
 
+@pytest.mark.slow
 def test_contributions_sum_in_a_crop_window(variant_rgb):
     made = penumbra(GLASS, SIZE, type="prosim", adaptive="none")
     whole = mi.load_dict(made)
@@ -121,6 +122,7 @@ def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
     assert checked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tree", *slow("lamps", "paths")])
 def test_occluders_are_what_rays_meet(variant_rgb, name):
     scene = scene_of(name)
@@ -460,6 +462,7 @@ class Asked:
         return getattr(self.points, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paths", *slow("lamps", "sky", "bounces", "masks")])
 def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name, monkeypatch):
     """Each pass of an N-rook pattern has one sample in each row and column, and all passes one in each cell."""

@@ -170,6 +170,7 @@ def test_second_render_compiles_no_kernel(variant_rgb):
     assert used(4, band=200) <= used(5, band=300)  # bands but the last wait for each other: by a kernel of their own
 
 
+@pytest.mark.slow
 def test_work_items_share_their_kernels(variant_rgb, monkeypatch):
     """Already in the first render of a scene, of which the first work item traces things that the later ones find."""
     compute, used = WorkItem.compute, []

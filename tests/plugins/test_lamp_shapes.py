@@ -76,6 +76,7 @@ def test_unattenuated_lamp_refuses_shape_without_area(variant_rgb, tmp_path, nam
         scene.emitters()[0].eval(si)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case, integrator", [("tiled", DIRECT), ("none", PATHS)])
 def test_scalar_variant_keeps_the_light_too(variant_scalar, tmp_path, case, integrator):
     shape, radiance = textured(case, tmp_path)
@@ -137,6 +138,7 @@ def test_sampled_light_of_a_turned_lamp_is_that_of_rays(variant_rgb, tmp_path, n
             assert dr.all(grazes | dr.all(dr.abs(lamp.eval(met) - weight * ds.pdf) < 0.02))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cylinder", *slow("sphere", "rectangle", "disk")])
 def test_light_of_a_turned_lamp_with_a_texture_comes_from_all_its_points(variant_rgb, tmp_path, name):
     """The solid angle times the radiance, by directions and by evenly distributed points: both differ by less than 6
@@ -209,7 +211,8 @@ def test_scaled_sky_causes_warning(variant_rgb, logged, kind, inner):
         assert sum("'sky'" in text and "to_world" in text for _, text in logged) == len(logged) == warnings
 
 
-@pytest.mark.parametrize("elsewhere, lamps", [(True, 1), pytest.param(False, 6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("elsewhere, lamps", [(True, 1), (False, 6)])
 def test_other_shapes_of_the_process_do_not_matter(variant_rgb, tmp_path, elsewhere, lamps):
     """A call for an array of shapes or emitters reaches all of the process; a glossy floor asks for their densities."""
     ball = {"type": "sphere", "radius": 0.5, "bsdf": {"type": "conductor"}}

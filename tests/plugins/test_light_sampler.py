@@ -112,6 +112,7 @@ FAR = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far, half", [("sun", 1000), ("sun as a ball", 4), ("point", 4)])
 def test_a_small_near_lamp_does_not_take_the_samples_of_a_far_one(variant_rgb, far, half):
     """The error of a render is at most half of that of ``path``; it was 3 to 22 times as great."""
@@ -165,6 +166,7 @@ def test_lamps_of_all_kinds_and_powers_equal_path(variant_rgb, small, hidden, ba
         assert same_expectation(path, renderings(scene, 12, spp=144, diffuse_bounces=bounces, **ours))
 
 
+@pytest.mark.slow
 def test_scalar_variants_choose_too():
     """One image of the mean radiance of that of a vectorised variant, within 5 standard errors of pixels."""
     settings = {"type": "prosim", "adaptive": "none", "max_level": 1, "diffuse_bounces": -1}

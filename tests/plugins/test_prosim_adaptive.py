@@ -118,6 +118,7 @@ def test_derivatives_refuse_to_omit_colours(variant_rgb, method):
         getattr(ours, method)(scene, mi.traverse(scene), *given)
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_nested_integrators(variant_rgb):
     """Forward to the bit; backward but for the order of the sums."""
     scene, nested = mi.load_dict(penumbra(COPPER)), mi.load_dict({"type": "prb"})

@@ -35,6 +35,7 @@ def python(code, **env):
     return subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "code",
     [

@@ -62,6 +62,7 @@ def test_variance_of_one_pass(variant_rgb, n):
         assert abs(square.mean() - expected) < 4 * square.std() / np.sqrt(len(square)) + slack
 
 
+@pytest.mark.slow
 def test_permutations_are_equally_likely(variant_rgb):
     """Chi² at significance 0.001: all 120 permutations of 5; each place of each element of 9."""
     h = hash32(dr.arange(mi.UInt32, 240000))

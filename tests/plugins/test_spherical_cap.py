@@ -102,6 +102,7 @@ def test_directions_have_their_density(variant_rgb, s, height):
     assert test.run(SIGNIFICANCE, test_count=14, quiet=True), test.messages
 
 
+@pytest.mark.slow
 def test_tiny_caps_fill_their_ellipse(variant_rgb):
     """A source of 0.06 degrees: radial and angular shares in the cap's own frame, chi² with 20 x 20 cells."""
     s, c, n = 1e-3, 0.7, 400_000

@@ -107,10 +107,11 @@ def compared(scene, ours, reference):
 
 
 #: A tree follows rays through holes; Mitsuba's ``path`` loses the light of paths through a hole (prosim check path).
-HOLES = pytest.param("mask", PATHS, WHOLE | {"type": "prb"}, marks=pytest.mark.slow)
-TWO_SIDED = [pytest.param("twosided", *how, marks=pytest.mark.slow) for how in ((TREE, FIRST), (PATHS, WHOLE))]
+HOLES = "mask", PATHS, WHOLE | {"type": "prb"}
+TWO_SIDED = [("twosided", *how) for how in ((TREE, FIRST), (PATHS, WHOLE))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrapper, ours, reference", [(None, TREE, FIRST), (None, PATHS, WHOLE), *TWO_SIDED, HOLES])
 def test_lobes_of_a_users_bsdf_count_once(variant_rgb, wrapper, ours, reference):
     """Also if the BSDF ignores the type mask, and leaves ``sampled_type`` 0; that of a second ball does not."""
@@ -123,6 +124,7 @@ def test_lobes_of_a_users_bsdf_count_once(variant_rgb, wrapper, ours, reference)
     assert compared(room, ours, reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point", [False, True])
 def test_users_bsdf_with_a_mirror_or_glass(variant_rgb, point):
     """Beside a point, the value of glossy lobes is asked for before the render."""
@@ -217,6 +219,7 @@ class Depth(mi.llvm_ad_rgb.SamplingIntegrator):
         return dr.select(si.is_valid(), si.t, 0.0), si.is_valid(), []
 
 
+@pytest.mark.slow
 def test_integrator_without_a_description(variant_rgb):
     mi.register_integrator("users_depth", Depth)
     mi.register_emitter("users_point", Point)
@@ -240,6 +243,7 @@ class Fisheye(mi.llvm_ad_rgb.Sensor):
         return mi.RayDifferential3f(mi.Ray3f(mi.Point3f(0, 0, 6), d, time, wavelengths)), weight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [PATHS, {**PATHS, "caustics": True, "caustic_photons": 100000}])
 def test_sensor_without_defaults(variant_rgb, settings):
     mi.register_sensor("users_fisheye", Fisheye)

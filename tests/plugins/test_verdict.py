@@ -140,6 +140,7 @@ def test_crop_window_of_a_grey_film_has_a_cause(variant_rgb, pixel_format):
     assert "half of the error: the light of bulb by way of vase" in told
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_pixel_without_neighbours_has_a_verdict(variant_rgb):
     made = scene(PATHS, vase=ball(GLASS), **bulb())
@@ -147,6 +148,7 @@ def test_pixel_without_neighbours_has_a_verdict(variant_rgb):
     assert "has half of the error" in mitsuba_prosim.render(mi.load_dict(made), noise=0.5, progress=False).verdict
 
 
+@pytest.mark.slow
 def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     """Because it needs more time than is left."""
     monkeypatch.setattr("mitsuba_prosim.explaining.verdict.why_noisy", lambda *_: pytest.fail("is looked for"))

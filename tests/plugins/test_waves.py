@@ -172,6 +172,7 @@ def thin_lens(ball=None, **settings):
     return mi.load_dict(scene)
 
 
+@pytest.mark.slow
 def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
     """With one scene and one sensor, whose film has a crop window."""
     scene = thin_lens(COPPER, max_level=1, samples=2, adaptive="none")
@@ -387,6 +388,7 @@ def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
         assert not reached(wide, seed).uncertain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [None, *slow(0.05)])
 def test_bound_without_a_target_holds_or_is_unknown(variant_rgb, alpha):
     """Rare bright paths by a shiny block are missed by most pixels, and few samples may miss all light."""
@@ -408,6 +410,7 @@ def test_bound_without_a_target_holds_or_is_unknown(variant_rgb, alpha):
             assert np.isnan(bound) == (spp < 8 or (alpha is not None and spp < 100)) or (alpha and spp == 100)
 
 
+@pytest.mark.slow
 def test_the_error_of_most_pixels_is_within_the_limit(variant_rgb):
     """But for what may be expected of a few of 4096 pixels, here and in the second image."""
 

@@ -151,6 +151,7 @@ def test_intersection_with_a_ball_that_touches_it_keeps_its_size(recwarn):
 FLAT = pytest.param(200, ".3 .3 .001", 0.0013, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tree, seen",
     [

@@ -93,6 +93,7 @@ def test_liquid_that_fills_a_hollow_causes_no_warning():
         solids(scene("+ SPHERE 0 SPHERE 1", sizes[:2], [glass, wine]), 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", ["+ CUBE 0 " * 5000 + "CUBE 0", "+ " * 5000 + "CUBE 0 " * 5001])
 def test_depth_of_nesting_needs_no_recursion(tree):
     text = scene(tree, [""])

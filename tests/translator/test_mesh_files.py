@@ -386,6 +386,7 @@ def test_a_warning_names_the_mesh_that_overlaps_itself(tmp_path):
         prosim_scene.check(tmp_path / "s.scn")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["<f4", *slow("<f8")])
 def test_solids_without_overlaps_have_no_warning(kind):
     """Random unions and differences, whose slivers and creases are as in files by others."""

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from meshes import area, assert_closed, curved_face, is_side, scene, solids, turned
+from meshes import area, assert_closed, curved_face, is_side, scene, solids, turned, volume
 from prosim_scene.language import document_of
 from prosim_scene.view import camera_of
 from scenes import slow
@@ -168,6 +168,13 @@ def test_large_ball_under_a_plane_stays_below_it(tree, seen, radius, small, z, r
     meshes = solids(text.replace(VIEW, "OBS 0 -3 8 VRP 0 0 0 WINDOW -2 -2 2 2"), 0.1)
     assert any("pixels off instead of 0.1: SPHERE 0 (line 3)" in str(w.message) for w in recwarn)
     assert set(meshes) == seen and all(np.all(mesh.vertices[:, 2] <= 0) for mesh in meshes.values())
+
+
+@pytest.mark.parametrize("operator, squared", [("-", 0.4**2 - 0.35**2), ("*", 0.35**2), ("+", 0.4**2)])
+def test_rings_with_one_transform_have_their_own_radii(operator, squared):
+    """Nearly equal tori have the same facets, also if one TRANSFORM places both."""
+    meshes = solids(scene(f"{operator} TORUS 0 radius .4 TORUS 1 radius .35", ["ROTATE-X (33)"] * 2)).values()
+    assert volume(meshes) == pytest.approx(2 * np.pi**2 * squared, rel=0.02)
 
 
 @pytest.mark.parametrize("shape, inner", [("CYLINDER", ".9999 .9999 3"), ("SPHERE", ".9999 .9999 .9999")])

@@ -374,7 +374,7 @@ class Torus(Primitive):
         a, b, c, d = (np.roll(number, (-i, -j), (0, 1)).ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
         triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
         vertices = vertices @ facet_map[:3, :3].T + facet_map[:3, 3]
-        if not np.array_equal(facet_map, np.eye(4)):
+        if self.pattern != self.radius or not np.array_equal(facet_map, np.eye(4)):
             vertices = self.scaled(vertices, 1)
         return Mesh(vertices, triangles, np.tile(a, 2), np.zeros(len(a), int))
 

@@ -232,6 +232,18 @@ def test_integrator_without_a_description(variant_rgb):
     assert "point" in str(mitsuba_prosim.explain(mi.load_dict({**room, "integrator": TREE}), (8, 8)))
 
 
+def test_users_render_that_is_not_called_is_warned_of(variant_rgb, logged):
+    class Bright(Depth):
+        def render(self, *what, **how):
+            return 2 * super().render(*what, **how)
+
+    for name, integrator in (("users_depth", Depth), ("users_bright", Bright)):
+        mi.register_integrator(name, integrator)
+        nested = {"type": name}
+        mi.render(mi.load_dict({**scene({"type": "diffuse"}), "integrator": {"type": "prosim_adaptive", "n": nested}}))
+    assert ["render() of Bright is not called" in text for _, text in logged] == [True]
+
+
 class Fisheye(mi.llvm_ad_rgb.Sensor):
     """A sensor whose method has no default for ``active``, which Mitsuba always passes."""
 

@@ -125,6 +125,17 @@ def warn_of_missing_flags(scene: mi.Scene) -> None:
         )
 
 
+def warn_of_unused_render(integrator: mi.SamplingIntegrator) -> None:
+    """Warns if the class of a user's integrator has its own ``render``: only its method ``sample`` is called."""
+    owner = next(base for base in type(integrator).__mro__ if "render" in vars(base))
+    if is_users(integrator) and owner.__module__.partition(".")[0] != "mitsuba":
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: the method render() of {type(integrator).__name__} is not called, and this image may be another: "
+            "the mean of what sample() returns. Use mi.render for that of render().",
+        )
+
+
 def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
     return (one for one in all_within(bsdf) if one.class_name() == name)
 

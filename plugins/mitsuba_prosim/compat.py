@@ -118,10 +118,13 @@ def shapes_in_order(scene: mi.Scene) -> list[mi.Shape]:
 
 def emitters_in_order(scene: mi.Scene) -> list[mi.Emitter]:
     """Returns the emitters of ``scene`` in an order that is the same in every process: those on meshes are last. Those
-    that no integrator of Mitsuba finds are left out: no ray meets them, and their ``sampling_weight`` is 0.
+    that Mitsuba never samples, because their ``sampling_weight`` is 0, are left out if no ray meets them, and those of
+    users, whose methods may differ from what a ray meets.
     """
     delta = mi.EmitterFlags.Delta
-    emitters = [e for e in scene.emitters() if e.sampling_weight() > 0 or not mi.has_flag(e.flags(), delta)]
+    emitters = [
+        e for e in scene.emitters() if e.sampling_weight() > 0 or not (mi.has_flag(e.flags(), delta) or is_users(e))
+    ]
     return _meshes_in_order([(emitter, emitter.get_shape()) for emitter in emitters])
 
 

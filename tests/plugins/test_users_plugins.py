@@ -203,6 +203,21 @@ def test_users_lamps(variant_rgb, lamps, ours, reference):
     assert compared(scene({"type": "diffuse"}, **{name: things[name] for name in lamps}), ours, reference)
 
 
+@pytest.mark.parametrize("ours", [TREE, PATHS])
+def test_users_lamp_with_a_sampling_weight_of_0_is_not_sampled(variant_rgb, ours):
+    """Mitsuba never calls its ``sample_direction``, so a user can switch the lamp off in ``eval`` alone."""
+
+    class Switch(Lamp):
+        def eval(self, si, active):
+            return super().eval(si, active) if self.sampling_weight() > 0 else mi.Color3f(0)
+
+    mi.register_emitter("users_switch", Switch)
+    off = {"type": "users_switch", "sampling_weight": 0.0}
+    lamps = {"lamp": {"type": "sphere", "center": [0, 4, 2], "emitter": off}, "on": sphere_lamp([3, 3, 2], 0.5, 9.0)}
+    lit = scene({"type": "diffuse"}, **lamps)
+    assert compared(lit, ours, FIRST if ours is TREE else WHOLE)
+
+
 @pytest.mark.slow
 def test_photons_of_a_users_lamp(variant_rgb):
     mi.register_emitter("users_lamp", Lamp)

@@ -77,6 +77,17 @@ def test_spectral_bins_have_no_png(variant_spectral, number):
     assert set(images.encode(bitmap, {})) == {".exr"}
 
 
+@pytest.mark.parametrize("colours", ["RGB", "RGBA", "XYZ", "Y"])
+def test_further_channels_do_not_change_the_png(variant_rgb, colours):
+    values = np.random.default_rng(1).uniform(0, 1, (4, 6, 8)).astype(np.float32)
+    names, pngs = [*colours], []
+    for more in [], ["samples", "error", "n.X"]:
+        pixels = values[..., : len(names + more)].copy()
+        bitmap = mi.Bitmap(pixels, mi.Bitmap.PixelFormat.MultiChannel, names + more)
+        pngs.append(images.encode(bitmap, {}).get(".png"))
+    assert pngs[0] and pngs[0] == pngs[1]
+
+
 SCENE = """AMBIENT 9000 9000 9000
 BACKGROUND 0 0 0 {}
 LIGHTS POINT position 9 9 9

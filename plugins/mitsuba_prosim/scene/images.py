@@ -21,6 +21,9 @@ def checksum(content: bytes) -> str:
     return blake2b(content, digest_size=16).hexdigest()
 
 
+#: Names of the channels of a film's colours -> their format.
+COLOURS = {name: getattr(mi.Bitmap.PixelFormat, name) for name in ("RGB", "XYZ", "Y")}
+
 #: A text of the same length as a checksum.
 UNKNOWN = checksum(b"")
 
@@ -48,12 +51,13 @@ def colours(bitmap: mi.Bitmap) -> np.ndarray | None:
     """Returns the linear colours of a film's image, shape (height, width, 3), without AOVs; None if the film stores
     values that are not colours, such as spectral bins. Grey values and XYZ colours are converted to RGB.
     """
-    try:
-        layer = next((layer for name, layer in bitmap.split() if name == "<root>"), bitmap)
-    except RuntimeError:  # of three bands, which Mitsuba takes for R, G and B
+    # Names of AOVs have several letters; not all have the dot by which ``bitmap.split`` knows them.
+    own = {field.name: k for k, field in enumerate(bitmap.struct_()) if len(field.name) == 1 and field.name != "A"}
+    kind = next((kind for kind in COLOURS if own.keys() == {*kind}), None)
+    if kind is None:
         return None
-    if layer.pixel_format() == mi.Bitmap.PixelFormat.MultiChannel:
-        return None
+    pixels = np.ascontiguousarray(np.atleast_3d(np.array(bitmap))[..., [own[letter] for letter in kind]])
+    layer = mi.Bitmap(pixels, COLOURS[kind])
     return np.array(layer.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
 
 

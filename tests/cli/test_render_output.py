@@ -17,7 +17,20 @@ from mitsuba_prosim.cli import files, render_task
 from mitsuba_prosim.cli.terminal import interruptible
 from mitsuba_prosim.engine.plan import Plan
 from mitsuba_prosim.scene import rendering
-from running import ADAPTIVE_PATH, LIT_FLOOR, PIPES, at_step, done, metadata, names, pixels, prosim, refused, scene_text
+from running import (
+    ADAPTIVE_PATH,
+    LIT_FLOOR,
+    PATH,
+    PIPES,
+    at_step,
+    done,
+    metadata,
+    names,
+    pixels,
+    prosim,
+    refused,
+    scene_text,
+)
 from tqdm import tqdm
 from waiting import started, until
 
@@ -285,6 +298,13 @@ def test_snapshots_are_images_of_one_render(noisy):
     assert float(metadata(noisy.with_name("scene.0.2s.exr"))["seconds"]) > 0.195
     noisy.with_name("scene.3s.exr").mkdir()
     refused("scene.3s.exr: this is a folder", "render", noisy, "--snapshots", "3s,9s")
+
+
+def test_snapshots_do_not_end_a_scene_with_a_limit(noisy):
+    limit = '<integrator type="prosim_adaptive"><float name="noise" value="0.0001"/>'
+    noisy.write_text(noisy.read_text("utf-8").replace(PATH, f"{limit}{PATH}</integrator>"), "utf-8")
+    assert " of 0.0001 " in done("render", noisy, "--snapshots", 1).stdout
+    assert float(metadata(noisy.with_name("scene.1.exr"))["samples"]) < float(metadata(noisy)["samples"])
 
 
 def test_closed_terminal_ends_neither_an_image_nor_a_film(noisy, monkeypatch):

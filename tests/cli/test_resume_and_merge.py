@@ -3,11 +3,12 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from mitsuba_prosim.cli import render_task
 from mitsuba_prosim.engine import checkpoint, environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-from running import LAMP, alike, done, names, prosim, refused
+from running import LAMP, alike, done, names, pixels, prosim, refused
 
 
 @pytest.fixture
@@ -43,6 +44,19 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
     done("resume", state, "-o", tmp_path / "again", "--exposure", 0)
     assert alike(tmp_path / "whole", tmp_path / "a", tmp_path / "again")
     assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.npz").exists()
+
+
+def test_a_continued_render_writes_the_other_snapshots(lamp, tmp_path, monkeypatch):
+    options = "--noise", 0.0001, "--snapshots", "0.5,0.0002"
+    done("render", lamp, "-o", tmp_path / "whole", *options)
+    with monkeypatch.context() as patch:
+        die_after(patch, 20)
+        assert prosim("render", lamp, "-o", tmp_path / "a", "--checkpoint", *options).exit_code != 0
+    first = (tmp_path / "a.0.5.exr").read_bytes()
+    done("resume", tmp_path / "a.state.npz")
+    assert (tmp_path / "a.0.5.exr").read_bytes() == first
+    for snapshot in "0.5", "0.0002":
+        assert np.array_equal(*(pixels(tmp_path / f"{name}.{snapshot}.exr") for name in ("whole", "a")))
 
 
 def test_the_state_of_a_finished_render_is_there_before_its_image(lamp, tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from ..engine.plan import TARGETS
 from ..engine.policies import POLICIES
 from ..engine.tiles import Part
 from ..scene import scene_file, session
-from ..scene.overrides import option_names
+from ..scene.overrides import UNLESS_LIMITED, option_names
 from ..transport.radiance import KINDS
 from . import option_types as types
 from .option_types import InputError, Integer, Number
@@ -26,7 +26,7 @@ from .option_types import InputError, Integer, Number
 INTEGRATOR = ("samples", "caustics", "max_level", "layers", "max_samples", "adaptive", *TARGETS)
 
 #: Fields of a Job that do not change the image.
-RUNNING = ("output", "checkpoint", "snapshots", "verbose", "frames", "threads", "workers", "cluster", "part")
+RUNNING = ("output", "checkpoint", "verbose", "frames", "threads", "workers", "cluster", "part")
 
 POSITIVE = Number(0, min_open=True)
 UNITS = click.Choice(["calibrated", "radiance", "unattenuated"])
@@ -130,12 +130,17 @@ class Job:
     def integrator(self) -> dict[str, Any]:
         """Parameters for the scene's integrator: name -> new value; the value None removes a parameter.
 
-        With a limit of noise or time, the policy ``adaptive`` is "graded" unless the job sets it. The field ``paths``
-        sets the parameters of path tracing.
+        With a limit of noise or time, the policy ``adaptive`` is "graded" unless the job sets it. Without one, the last
+        of the ``snapshots`` is the limit, unless the scene has one. The field ``paths`` sets the parameters of path
+        tracing.
         """
         parameters = {name: value for name in INTEGRATOR if (value := getattr(self, name)) is not None}
         if any(name in parameters for name in TARGETS):
             parameters.setdefault("adaptive", "graded")
+        elif self.snapshots:
+            amounts = [float(text.removesuffix("s")) for text in self.snapshots]
+            last = {"time": max(amounts)} if self.snapshots[0].endswith("s") else {"noise": min(amounts)}
+            parameters[UNLESS_LIMITED] = {"adaptive": "graded"} | last
         return ({"diffuse_bounces": -1, "ambient": None} if self.paths else {}) | parameters
 
     @property
@@ -269,8 +274,8 @@ def make_job(options: dict[str, Any]) -> Job:
     """Returns the job for ``options``, field of a :class:`Job` -> value; if there is a variant, sets it and loads the
     plugins.
 
-    The last of the snapshots becomes the limit that ends the render, if there is no other limit. Raises UsageError if
-    options contradict each other, InputError if the variant cannot do them, and the errors of :func:`choose_variant`.
+    Raises UsageError if options contradict each other, InputError if the variant cannot do them, and the errors of
+    :func:`choose_variant`.
     """
     given = {name for name, value in options.items() if value}
     uniform = {"adaptive"} if options.get("adaptive") == "none" else set()
@@ -283,12 +288,8 @@ def make_job(options: dict[str, Any]) -> Job:
             "--snapshots."
         )
     options["scene"] = str(options.get("scene") or "")
-    if snapshots := options.get("snapshots"):
-        seconds, targets = [float(text[:-1]) for text in snapshots if text.endswith("s")], given & set(TARGETS)
-        if targets == {"time"} and not seconds:
-            raise click.UsageError("--snapshots of errors: --time alone does not measure the error; add --noise.")
-        if not targets:
-            options.update({"time": max(seconds)} if seconds else {"noise": min(map(float, snapshots))})
+    if "snapshots" in given and given & {*TARGETS} == {"time"} and not options["snapshots"][0].endswith("s"):
+        raise click.UsageError("--snapshots of errors: --time alone does not measure the error; add --noise.")
     options["definitions"] = dict(options.get("definitions", ()))
     if "variant" in options:
         options["variant"] = choose_variant(options["variant"])

@@ -24,7 +24,7 @@ from .. import __version__, atomic
 from ..compat import description
 from ..engine import checkpoint
 from ..engine.checkpoint import Checkpoint, CheckpointWriter
-from ..engine.error_target import REST
+from ..engine.error_target import REST, ErrorTarget
 from ..engine.plan import TARGETS
 from ..engine.render import Reached
 from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
@@ -223,7 +223,7 @@ def render_image(task: RenderTask, bar: Progress, resources: Resources) -> Outco
     state, snapshots = Path(f"{task.stem}{task.state_suffix}"), Snapshots(task)
     consumers: list[Any] = [CheckpointWriter(state, task.about)] if task.state_suffix else []
     resources.integrator = task.integrator
-    render, final, seconds = run_steps(task, bar, resources, [*consumers, snapshots])
+    render, final, seconds = run_steps(task, bar, resources, [snapshots, *consumers])
     snapshots(render)
     if snapshots.left:
         left = ",".join(snapshots.left)
@@ -318,11 +318,14 @@ class Snapshots:
     """Writes snapshots, which are intermediate images, during the render of a task.
 
     The snapshot ``0.04`` is written to ``NAME.0.04.exr`` when the option ``--noise 0.04`` would end the render, and the
-    snapshot ``4s`` to ``NAME.4s.exr`` after 4 seconds.
+    snapshot ``4s`` to ``NAME.4s.exr`` after 4 seconds. A render that continues has written those of its beginning.
     """
 
     def __init__(self, task: RenderTask) -> None:
         self.task, self.left = task, sorted(task.job.snapshots or ())
+        if task.begin is not None:
+            noise, seconds = task.begin.attributes["noise"], task.begin.attributes["seconds"]
+            self.left = [text for text in self.left if not is_due(text, noise, seconds)]
 
     def __call__(self, render: Any) -> None:
         """Writes the snapshots that are due, once each, if the render is progressive and each pixel has a sample."""
@@ -330,12 +333,7 @@ class Snapshots:
         if reached is None or not reached.min_samples:
             return
         for text in list(self.left):
-            amount = float(text.removesuffix("s"))
-            if text.endswith("s"):  # a render with --time would end now, see ErrorTarget.time_is_up
-                due = reached.seconds >= (1 - REST) * amount
-            else:  # a render with --noise, a limit of the RMS error only, would end now
-                due = replace(render.target, limits=(amount, 0)).excess(render.state.noise) <= 1
-            if due:
+            if is_due(text, render.state.noise, reached.seconds):
                 self.left.remove(text)
                 render.update_film()
                 facts = metadata(task.job, task.integrator, reached, None, reached.seconds)
@@ -343,6 +341,16 @@ class Snapshots:
                 facts["prosim.ended"] = f"snapshot {text}"
                 exr = images.exr(task.sensor.film().bitmap(), facts)
                 files.save(task.stem.with_name(f"{task.stem.name}.{text}"), {".exr": exr})
+
+
+def is_due(snapshot: str, noise: Sequence[float], seconds: float) -> bool:
+    """Tells whether a render with these errors, after these ``seconds``, has reached the ``snapshot``: with --noise, a
+    limit of the RMS error only, or with --time, it would end.
+    """
+    amount = float(snapshot.removesuffix("s"))
+    if snapshot.endswith("s"):
+        return seconds >= (1 - REST) * amount  # see ErrorTarget.time_is_up
+    return ErrorTarget((amount, 0), 0.0, 0.0).excess(noise) <= 1
 
 
 def finished_image(

@@ -15,6 +15,9 @@ from ..transport.transport_context import DEEPEST_TREE
 #: others, such as ``samples``, do not: a user may give them by mistake.
 WRAPPING = (*TARGETS, "max_samples", "adaptive")
 
+#: The key, among the parameters of :func:`apply`, of those for a scene that has none of the :data:`TARGETS`.
+UNLESS_LIMITED = "unless limited"
+
 #: Limits of a film: pixels per side, and pixels in total. A film counts its values in 32 bits, with several values per
 #: pixel.
 LONGEST_SIDE, MOST_PIXELS = 2**16, 2**28
@@ -44,7 +47,8 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     such as "path within prosim_adaptive", or None.
 
     ``resolution`` is the new size (width, height) and ``crop`` the new crop window (x, y, width, height) in pixels, or
-    None. ``parameters`` are new values for parameters of the integrator; None deletes a parameter. Parameters of
+    None. ``parameters`` are new values for parameters of the integrator, with those for a scene without a target under
+    the key :data:`UNLESS_LIMITED`; None deletes a parameter. Parameters of
     sampling, such as ``samples``, are set for the outermost integrator; those in :data:`WRAPPING`, such as ``noise``,
     first replace ``path`` by ``prosim``, which follows the same light paths, and nest another integrator of Mitsuba in
     ``prosim_adaptive``. All others are set for every integrator ``prosim``; if there is none, ``diffuse_bounces``
@@ -55,6 +59,10 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     _change_films(state, resolution, crop)
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
+    unless = parameters.get(UNLESS_LIMITED, {})
+    if any(node.props.get(name, 0) for node in _integrators(state) for name in TARGETS):
+        unless = {}
+    parameters = unless | {name: value for name, value in parameters.items() if name != UNLESS_LIMITED}
     sampling = {name: value for name, value in parameters.items() if name in SAMPLING}
     others = {name: value for name, value in parameters.items() if name not in SAMPLING}
     integrators, replaced = _integrators(state), None

@@ -100,6 +100,16 @@ def test_real_sample_counts_and_the_same_expected_image(tmp_path, variant_rgb):
         assert 0.6 < converged([ours, stock]).disagreement < 1.5
 
 
+@pytest.mark.parametrize(
+    "of_scene, a, b", [(-1, "prosim", "path,max_depth=5"), (-1, "path,max_depth=5", "prosim"), (5, "prosim", "path")]
+)
+def test_prosim_has_the_depth_of_the_other(tmp_path, variant_rgb, of_scene, a, b):
+    path = tmp_path / "little.xml"
+    path.write_text(scene_text(f'<integrator type="path"><integer name="max_depth" value="{of_scene}"/></integrator>'))
+    compared = comparison.Comparison(ComparedScene(SceneFile(path, tmp_path)), Spec(a), Spec(b), 1, 0, 0)
+    assert compared.methods["b" if b == "prosim" else "a"].integrator.max_level == 3
+
+
 def test_references_converge():
     class Noise:
         def render(self, seed):

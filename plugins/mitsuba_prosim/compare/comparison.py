@@ -108,6 +108,12 @@ class Comparison:
         self.scene, self.a, self.b, self.rounds, self.seconds = scene, a, b, rounds, seconds
         self.exposure, self.scale = exposure, 2.0**exposure
         self.transport = b.transport or a.transport or "scene"
+        ours, other = (b, a) if b.is_adaptive else (a, b)
+        depth = scene.settings_of(other).get("max_depth", -1)
+        if ours.is_adaptive and self.transport == "paths" and isinstance(depth, int) and depth >= 0:
+            if depth < 2:
+                raise ValueError(f"{other.text!r}: max_depth {depth} allows no reflection, but prosim always has one")
+            ours.parameters.setdefault("max_level", depth - 2)  # max_depth 2 allows one reflection, as level 0 does
         # Each takes 64 samples in every pixel.
         uniform = [
             scene.method(spec, self.transport, **UNIFORM) if spec.is_adaptive else self.at(64, spec) for spec in (a, b)

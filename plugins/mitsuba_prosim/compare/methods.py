@@ -99,6 +99,12 @@ class ComparedScene:
         background = self.textures.get("background")
         return self.scene if background is None else with_background_emitter(self.scene, background)
 
+    def settings_of(self, spec: Spec) -> dict[str, Any]:
+        """Returns the parameters of the scene's integrator if the specification names it, and those of the
+        specification.
+        """
+        return (self.settings if spec.integrator == self.integrator else {}) | spec.parameters
+
     def method(self, spec: Spec, transport: str, spp: int = 0, **changes: Any) -> Method:
         """Returns the :class:`Method` of a specification, whose parameters ``changes`` replace.
 
@@ -108,7 +114,7 @@ class ComparedScene:
         samples per pixel; 0 means that of the parameters or of the sampler. Raises ValueError for a wrong
         specification.
         """
-        settings = dict(self.settings) if spec.integrator == self.integrator else {}
+        settings = self.settings_of(spec)
         if transport != "scene":
             settings.pop("hide_emitters", None)  # the other method would not hide them
         if spec.is_adaptive:

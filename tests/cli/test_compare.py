@@ -110,6 +110,14 @@ def test_prosim_has_the_depth_of_the_other(tmp_path, variant_rgb, of_scene, a, b
     assert compared.methods["b" if b == "prosim" else "a"].integrator.max_level == 3
 
 
+def test_sky_replaces_the_background(tmp_path, variant_rgb):
+    """Mitsuba allows only one of them."""
+    path = tmp_path / "little.xml"
+    path.write_text(SCENE.replace("</scene>", '<emitter type="constant"/></scene>'))
+    scene = ComparedScene(SceneFile(path, tmp_path))
+    assert scene.method(Spec("path"), "paths").scene is scene.scene
+
+
 def test_references_converge():
     class Noise:
         def render(self, seed):

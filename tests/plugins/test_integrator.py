@@ -84,6 +84,14 @@ def test_background_is_seen_in_mirrors_but_lights_nothing(variant_rgb):
     assert np.abs(image[13, 20] - [0.1, 0.2, 0.3]).max() < 0.2 * 0.3 and image[13, 20].max() > 0
 
 
+@pytest.mark.parametrize("ball, paths", [({"type": "conductor", "material": "none"}, 0), (None, -1)])
+def test_only_the_camera_sees_the_background_in_place_of_a_hidden_sky(variant_rgb, ball, paths):
+    settings = {"type": "prosim", "hide_emitters": True, "adaptive": "none", "diffuse_bounces": paths}
+    dark, bright = (render(without(alone(ball, background=light, **settings), "light")) for light in (0.0, 2.0))
+    assert np.array_equal(bright[13, 20], dark[13, 20]) and dark[13, 20].any()  # on the ball
+    assert (bright[0, 0] - dark[0, 0] == 2).all()
+
+
 def test_without_shadows_nothing_is_dark(variant_rgb):
     dark, bright = (render(penumbra(type="prosim", adaptive="none", shadows=s)) for s in (True, False))
     assert np.all(bright >= dark * 0.999) and bright.mean() > 1.02 * dark.mean()

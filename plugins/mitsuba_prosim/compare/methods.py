@@ -95,9 +95,13 @@ class ComparedScene:
 
     @cached_property
     def lit(self) -> mi.Scene:
-        """The scene with the background of ``prosim`` as an emitter, because other integrators have no background."""
+        """The scene with the background of ``prosim`` as an emitter, because other integrators have no background. A
+        sky replaces the background, because Mitsuba allows only one of them.
+        """
         background = self.textures.get("background")
-        return self.scene if background is None else with_background_emitter(self.scene, background)
+        if background is None or self.scene.environment() is not None:
+            return self.scene
+        return with_background_emitter(self.scene, background)
 
     def settings_of(self, spec: Spec) -> dict[str, Any]:
         """Returns the parameters of the scene's integrator if the specification names it, and those of the

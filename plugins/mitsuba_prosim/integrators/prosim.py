@@ -82,8 +82,9 @@ class Prosim(ProgressiveIntegrator):
 
      * - background
        - |spectrum| or |texture|
-       - Radiance of a ray that leaves the scene. A bitmap is a latitude-longitude map, as for :monosp:`envmap`, but
-         does not light the scene. (Default: 0)
+       - Radiance of a ray that leaves the scene; beside a sky that :monosp:`hide_emitters` hides, only of camera rays.
+         It lights diffuse surfaces only with :monosp:`diffuse_bounces`. A bitmap is a latitude-longitude map, as for
+         :monosp:`envmap`. (Default: 0)
 
      * - diffuse_bounces
        - |int|

@@ -46,6 +46,8 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
         L = L.plus(*emission(context, ray, si, active))
     if settings.background is not None:
         escaped = but_not(within_max_level, active & si.is_valid())
+        if settings.hide_emitters and context.scene.environment() is not None:
+            escaped = escaped & ray.is_visible  # the other rays see the sky in its place
         radiance = dr.select(escaped, background_radiance(settings.background, ray3, si, escaped), 0)
         L = L.plus(radiance, context.layers.get("background"))
         context.observe("background", ray, value=radiance)

@@ -34,6 +34,15 @@ def test_page_is_written_beside_the_scene(write_scene):
     assert "PathIntegrator" in data["notes"][0] and data["trees"][0]["nodes"][0]["shape"] is None
 
 
+def test_pixel_of_a_crop_window_is_that_of_the_image(write_scene):
+    """As `prosim render --crop` names it in its last line."""
+    path, values = write_scene(scene_text(PROSIM, LIT_FLOOR, 16, 12), "s.xml"), []
+    for where in ["5,6"], ["1,2", "--crop", "4,4,8,8"]:
+        done("explain", path, "--spp", "4", "-m", "llvm_ad_rgb", "--pixel", *where)
+        values.append(data_of(path.with_name("s-explain.html"))["values"])
+    assert values[0] == values[1]
+
+
 def test_page_of_parallel_rays_has_the_image_without_rays(write_scene):
     path = write_scene(XML.replace("perspective", "orthographic"), "s.xml")
     done("explain", path, "--pixel", "1,1", "-m", "llvm_ad_rgb")

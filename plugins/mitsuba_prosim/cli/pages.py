@@ -67,8 +67,8 @@ PIXEL = PatternType("X,Y", "120,80", r"(\d+),(\d+)", integers)
 @click.command(cls=Command)
 @click.argument("scene", type=SCENE_FILE)
 @option("Page", "--pixel", type=PIXEL, required=True, help="Column and row of the pixel, from the upper left corner.")
-@job_options("spp", "output", "definitions", "sensor", "resolution", "paths", "caustics", "max_level", "allow_outside")
-@job_options("threads", "variant", "seed", "samples", "light_units", "tolerance", "verbose")
+@job_options("spp", "output", "definitions", "sensor", "resolution", "crop", "paths", "caustics", "max_level")
+@job_options("allow_outside", "threads", "variant", "seed", "samples", "light_units", "tolerance", "verbose")
 def explain(job: Job, pixel: tuple[int, int]) -> None:
     """Explain a pixel of SCENE: the rays of its samples, and the light that each ray adds.
 

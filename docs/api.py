@@ -123,7 +123,10 @@ def words_section():
         rows.append([first, ", ".join(others), takes, bounds])
     title = "Words of the scene language"
     words = table(["word", "other spellings", "takes", "range"], rows)
-    named = [[cells[1].replace(" ", ", "), f"``{cells[2]}``"] for cells in TABLE["metals"] + TABLE["glasses"]]
+    named = [
+        [cells[1].replace(" / ", " ").replace(" ", ", "), f"``{cells[2]}``"]
+        for cells in TABLE["metals"] + TABLE["glasses"]
+    ]
     materials = table(["metal or glass", "table of Mitsuba, or material of prosim_dielectric"], named)
     return f"{title}\n{'-' * len(title)}\n\n{words}\n\n{materials}\n"
 

@@ -136,6 +136,24 @@ def test_users_bsdf_with_a_mirror_or_glass(variant_rgb, point):
         assert compared(scene({"type": f"users_{name}"}, **lamps), PATHS, WHOLE)
 
 
+class Stripes(mi.llvm_ad_rgb.Texture):
+    """A texture with the methods that ``diffuse`` calls: ``max`` and ``is_spatially_varying`` are missing."""
+
+    def eval(self, si, active):
+        return mi.Color3f(0.5 + 0.4 * dr.sin(30 * si.uv.x))
+
+
+def test_users_texture_in_materials(variant_rgb):
+    mi.register_texture("users_stripes", Stripes)
+    stripes = {"type": "users_stripes"}
+    ours = scene({"type": "prosim_lambertian", "reflectance": stripes})
+    theirs = renderings(scene({"type": "diffuse", "reflectance": stripes}), 8, 256, **WHOLE)
+    assert same_expectation(theirs, renderings(ours, 8, 128, first_seed=50, **PATHS))
+    for name in "conductor", "dielectric", "composite", "phong":
+        parameter = "specular_reflectance" if name in ("conductor", "dielectric") else "diffuse_reflectance"
+        mi.load_dict({"type": f"prosim_{name}", parameter: stripes})
+
+
 class Lamp(mi.llvm_ad_rgb.Emitter):
     """A surface with a light that depends on the direction, and if it ``varies`` on the place, which its flags do not
     tell.

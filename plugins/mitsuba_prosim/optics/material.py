@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import is_users
 from ..parameters import choice, constant_values, describe, expose, for_message, reject
 from . import grooves
 from .facets import DISTRIBUTIONS, GRAZING, Distribution, sample_visible, torrance_sparrow
@@ -311,7 +312,7 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     """Returns the reflectance ``name`` as a texture; ``default`` (a number, or None) if the parameter is absent.
 
     Raises ValueError if a constant reflectance (a number, a colour or a spectrum) is outside [0, 1]; the values of a
-    texture, such as an image, are not checked, nor those of a plugin as ``ambient`` reflectance.
+    texture, such as an image or a user's, are not checked, nor those of a plugin as ``ambient`` reflectance.
     """
     values, allowed = constant_values(props, name), "reflectances between 0 and 1"
     if not all(0 <= v <= 1 for v in values):
@@ -319,7 +320,8 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     if name not in props:
         return None if default is None else props.get_texture(name, default)
     texture = props.get_texture(name)
-    if not (values or name == "ambient" or texture.is_spatially_varying()) and texture.max() > 1:
+    checked = not (values or name == "ambient" or is_users(texture) or texture.is_spatially_varying())
+    if checked and texture.max() > 1:
         raise reject(props, name, f"a spectrum up to {texture.max():.6g}", allowed)
     return texture
 

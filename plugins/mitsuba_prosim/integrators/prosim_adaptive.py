@@ -14,6 +14,7 @@ from ..parameters import nested_integrator
 from ..registry import plugin
 from ..sampling.nrook import SamplerPoints
 from ..transport.transport import InnerIntegrator
+from ..transport.workarounds import warn_of_wrong_derivatives
 
 
 @plugin("integrator", "prosim_adaptive")
@@ -126,7 +127,8 @@ class ProsimAdaptive(ProgressiveIntegrator):
     def transport(self, scene: mi.Scene, sensor: mi.Sensor, attached: bool = False) -> InnerIntegrator:
         return InnerIntegrator(self.nested, scene, sensor.get_medium())
 
-    def _check_channels(self) -> None:
+    def _check_derivatives(self, scene: mi.Scene) -> None:
+        warn_of_wrong_derivatives(scene)
         if self.omits_colours:
             raise RuntimeError(f'{self.name}: derivatives are of all colours; leave out channels = "{self.channels}".')
 
@@ -137,7 +139,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         integrator adds. If ``spp`` is 0, each pixel gets N² samples, where N is the parameter ``samples``. Raises
         RuntimeError if ``channels`` omits a colour.
         """
-        self._check_channels()
+        self._check_derivatives(scene)
         gradient = self.nested.render_forward(scene, params, sensor, seed, spp or self.samples**2)
         own = len(self.aov_names()) - len(self.nested.aov_names())  # further channels, which have no derivatives
         return dr.concat((gradient, dr.zeros(mi.TensorXf, (*gradient.shape[:2], own))), axis=2) if own else gradient
@@ -154,7 +156,7 @@ class ProsimAdaptive(ProgressiveIntegrator):
         """Backpropagates the gradient ``grad_in`` of the image, except for the AOVs that this integrator adds, by the
         nested integrator. Otherwise as :meth:`render_forward`.
         """
-        self._check_channels()
+        self._check_derivatives(scene)
         own = len(self.aov_names()) - len(self.nested.aov_names())
         grad_in = grad_in[:, :, : grad_in.shape[2] - own]
         self.nested.render_backward(scene, params, grad_in, sensor, seed, spp or self.samples**2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, MASK, PLASTICS
+from ..compat import BLEND, CHOOSERS, MASK
 from ..masks import dispatch
 from ..optics.nested import all_bsdfs, all_within
 from ..sampling import wavelengths
@@ -31,11 +31,10 @@ class Scattering:
 
     def __init__(self, scene: mi.Scene, separate: bool = True, whole: bool = False, attached: bool = False) -> None:
         bsdfs = all_bsdfs(scene)
-        mixes = any(one.class_name() in (MASK, BLEND) for bsdf in bsdfs for one in all_within(bsdf))
+        kinds = (MASK, BLEND, *CHOOSERS) if attached else (MASK, BLEND)
+        mixes = any(one.class_name() in kinds for bsdf in bsdfs for one in all_within(bsdf))
         if whole and not attached:
             mixes = any(workarounds.mixes_wrongly(mi.BSDFContext(), bsdf) for bsdf in bsdfs)
-        elif whole:  # only a request for all lobes needs the probabilities of those of ``plastic``
-            mixes = mixes or any(one.class_name() == PLASTICS[0] for bsdf in bsdfs for one in all_within(bsdf))
         self.attached = attached
         #: Whether any BSDF of the scene refracts each wavelength in another direction.
         self.disperses = disperses(scene)

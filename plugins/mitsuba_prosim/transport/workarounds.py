@@ -8,9 +8,9 @@
     BSDFs itself (:func:`_sample_mixture`). It cannot do so within a ``bumpmap`` or ``normalmap``: see
     :func:`warn_of_blends_in_maps`. ``blendbsdf`` also omits the derivative of ideal lobes with respect to the blending
     weight; :func:`sample` adds it.
-``plastic``
-    divides by the probability of its ideal lobe, whose derivative by the reflectances biases that of the image. So
-    :func:`sample` removes this derivative.
+``plastic``, ``thindielectric``
+    divide by the probability of an ideal lobe, and by its derivative by the reflectances or by ``eta``, which biases or
+    cancels that of the image. So :func:`sample` removes this derivative.
 ``principled``, ``principledthin``, ``hair``
     evaluate and sample all lobes together, whatever the type mask is. So light sampling evaluates all lobes together,
     and :func:`belongs_to` assigns each sample to one lobe.
@@ -34,7 +34,18 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import AREA, BLEND, EVALUATED_TOGETHER, MAPS, MASK, PATH, PLASTICS, emitter_samples, is_users
+from ..compat import (
+    AREA,
+    BLEND,
+    CHOOSERS,
+    EVALUATED_TOGETHER,
+    MAPS,
+    MASK,
+    PATH,
+    ROUGH_PLASTIC,
+    emitter_samples,
+    is_users,
+)
 from ..light.emitter_methods import loses_light, name_of
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
@@ -84,14 +95,37 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
 
 
 def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
-    """Warns of parameters with derivatives from which Mitsuba's BSDFs compute tables, which have no derivatives."""
-    for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, PLASTICS[1])):
+    """Warns of parameters whose derivatives are wrong: Mitsuba's BSDFs compute tables from them, which have no
+    derivatives, or probabilities of ideal lobes that :func:`sample` cannot see in a ``bumpmap`` or ``normalmap``.
+    """
+    for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, ROUGH_PLASTIC)):
         if names := [name for name in ("alpha", "eta") if dr.grad_enabled(mi.traverse(bsdf)[name])]:
             mi.Log(
                 mi.LogLevel.Warn,
                 f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are wrong: Mitsuba's roughplastic "
                 "tabulates its transmittance without them. Use principled or prosim_composite.",
             )
+    maps = ((bsdf.id(), one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
+    if wrong := [name for name, one in maps if any(map(_has_derivatives, _hidden_choices(one)))]:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: derivatives by parameters of {', '.join(map(repr, wrong))} may be wrong: Mitsuba's mask and "
+            "blendbsdf hide within a bumpmap or normalmap how they choose mirrors, glass and holes. Put the map into "
+            "the mask or blendbsdf, around each of its BSDFs.",
+        )
+
+
+def _hidden_choices(bsdf: mi.BSDF) -> Iterator[mi.Object]:
+    """Yields what a ``mask`` or ``blendbsdf`` in ``bsdf`` chooses ideal lobes by: BSDFs, and weights of blends."""
+    for mixture in _within(bsdf, MASK, BLEND):
+        yield from _within(mixture, *CHOOSERS)
+        if mixture.class_name() == BLEND and lobes.has_any(mixture.flags(), *lobes.IDEAL):
+            yield parts(mixture)["weight"]
+
+
+def _has_derivatives(thing: mi.Object) -> bool:
+    parameters = mi.traverse(thing)
+    return any(dr.grad_enabled(parameters[name]) for name in parameters.keys())  # noqa: SIM118 (not all are read)
 
 
 def _is_smooth(bsdf: mi.BSDF) -> bool:
@@ -136,8 +170,8 @@ def warn_of_unused_render(integrator: mi.SamplingIntegrator) -> None:
         )
 
 
-def _within(bsdf: mi.BSDF, name: str) -> Iterator[mi.BSDF]:
-    return (one for one in all_within(bsdf) if one.class_name() == name)
+def _within(bsdf: mi.BSDF, *names: str) -> Iterator[mi.BSDF]:
+    return (one for one in all_within(bsdf) if one.class_name() in names)
 
 
 def mixes_wrongly(lobe: mi.BSDFContext, bsdf: mi.BSDF) -> bool:
@@ -183,14 +217,14 @@ def sample(
     """
     lobe = requested_lobes(lobe, bsdf)
     blends = (int(one.flags()) & lobe.type_mask for one in _within(bsdf, BLEND))
-    plastic, masked = attached and any(_within(bsdf, PLASTICS[0])), any(_within(bsdf, MASK))
-    # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative. A ``mask`` hides the probabilities of ``plastic``.
+    chooses, masked = attached and any(_within(bsdf, *CHOOSERS)), any(_within(bsdf, MASK))
+    # Of ideal lobes alone, ``blendbsdf`` lacks only the derivative. A ``mask`` hides the probabilities within it.
     lacks = attached and any(lobes.has_any(flags, *lobes.IDEAL) for flags in blends)
-    if (lacks or (plastic and masked) or mixes_wrongly(lobe, bsdf)) and bsdf.class_name() not in MAPS:
+    if (lacks or (chooses and masked) or mixes_wrongly(lobe, bsdf)) and bsdf.class_name() not in MAPS:
         bs, weight = _sample_mixture(lobe, bsdf, si, u, active, attached)
     else:
         bs, weight = bsdf.sample(_with_null_of_mask(lobe, bsdf), si, *u, active)
-        if plastic and not masked:
+        if chooses and not masked:
             weight *= dr.relative_grad(dr.select(bs.pdf > 0, bs.pdf, 1))
     if users := of_users(bsdf):
         flags = functools.reduce(operator.or_, (int(one.flags()) for one in users))

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from mitsuba_prosim import check
 from mitsuba_prosim.check.kinds import images
 from mitsuba_prosim.check.report import FAILS, Report
-from mitsuba_prosim.check.subject import import_module
+from mitsuba_prosim.check.subject import Subject, import_module
 from prosim_start.group import prosim
 
 QUICK = [("bsdf", "weight_too_large")]
@@ -162,6 +162,14 @@ def test_integrator_that_ignores_its_depth_fails(monkeypatch, limits):
 
     mi.register_integrator("fixed", Fixed)
     assert not check.check({"type": "fixed", "max_depth": 12}).ok
+
+
+@pytest.mark.slow
+def test_solids_of_a_scene_in_the_language_are_right(variant_rgb, tmp_path):
+    scene = tmp_path / "ball.scn"
+    scene.write_text("LIGHTS POINT position 0 9 9 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END")
+    (shape,) = [node for node in Subject(scene).nodes() if Subject(scene, node).name == "ply"]
+    assert check.check(scene, node=shape).ok
 
 
 def test_scalar_variants_are_refused(variant_scalar):

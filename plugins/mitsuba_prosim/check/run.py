@@ -19,9 +19,10 @@ from .tests import Tests
 #: What Mitsuba's errors say of a method that a plugin does not have.
 MISSING = "not implemented", "pure virtual", "explicitly disabled", "not supported", "was queried for", "is not defined"
 
-#: Tests that fail for both principled BSDFs, and for blendbsdf.
+#: Tests that fail for both principled BSDFs, and for blendbsdf; the fault of meshes.
 SUM = "components add up"
 IGNORES = "reciprocity", "sampled_type", SUM, "eval() is 0 if", "variants agree", "finite with"
+SMOOTH = "on a smooth mesh, sample_position() returns the normals of the vertices", "sampled normals"
 BLENDED = "ideal lobes", "weight is", "pdf of", "samples follow", "reflection", "the flags have", SUM
 
 #: Faults of Mitsuba 3.9 itself: plugin -> (what is wrong, beginnings of the tests that find it, with their places; "*"
@@ -35,13 +36,16 @@ FAULTS = {
     "envmap": ("with a rotation, rays start on a disk that is not perpendicular to them", "flux of sample_ray()"),
     "hair": ("the second component is never sampled; the pdf is no exact one", "every lobe", "samples follow pdf()"),
     "mask": ("with one component in the context, sample() takes the other", "samples follow", "sampled_type", SUM),
+    "obj": SMOOTH,
     "path": ("it drops the light of paths that leave the scene through a mask", "* of volpath mask"),
     "perspective": ("sample_direction() loses a part of the film with a principal point", "points of rays"),
+    "ply": SMOOTH,
     "prb_basic": ("it finds no point lights", "blocks have", "images have"),
     "principled": ("not reciprocal, ignores components, spec_tint depends on wavelengths, wrong if eta is 1", *IGNORES),
     "principledthin": ("not reciprocal, ignores components, has lobes of weight 0", "every lobe", *IGNORES),
     "ptracer": ("it loses lights behind a mask", "* of volpath mask"),
     "roughplastic": ("the table of transmittances has no derivative", "derivatives"),
+    "serialized": SMOOTH,
     "sggx": ("the frame of sampled normals is transposed", "samples follow pdf()"),
     "sphere": ("the normals of a turned sphere are not turned", "sampled normals"),
     "sunsky": ("sun_direction does not turn", "to_world moves the light", "updated"),

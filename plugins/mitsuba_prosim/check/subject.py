@@ -108,7 +108,8 @@ class Subject:
             elif key in root.props:
                 del root.props[key]
         state.nodes[0] = root
-        with session.search_path([self.source.parent] if isinstance(self.source, Path) else []):
+        folders = [self._folder.path, self.source.parent] if isinstance(self.source, Path) else []
+        with session.search_path(folders):
             loaded: Any = instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, self.types())
         loaded = loaded[0] if isinstance(loaded, list) else loaded
         for method in [one for cls in type(loaded).__mro__ for one in vars(cls).values() if inspect.isfunction(one)]:

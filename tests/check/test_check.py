@@ -94,6 +94,13 @@ def test_check_accepts_plugin(plugin):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("colours", ["mono", "spectral"])
+def test_check_in_variants_without_exact_colours_accepts_those_of_others(colours):
+    mi.set_variant(mi.variant().replace("rgb", colours))
+    check.check({"type": "conductor", "material": "Cu"}).raise_if_wrong()
+
+
+@pytest.mark.slow
 def test_check_accepts_denoised_images(monkeypatch):
     first = list(images.scenes())[:2]
     monkeypatch.setattr(images, "scenes", lambda: first)

@@ -266,15 +266,24 @@ def test_integrator_without_a_description(variant_rgb):
 
 
 def test_users_render_that_is_not_called_is_warned_of(variant_rgb, logged):
+    path = type(mi.load_dict({"type": "prb"}))
+
     class Bright(Depth):
         def render(self, *what, **how):
             return 2 * super().render(*what, **how)
 
-    for name, integrator in (("users_depth", Depth), ("users_bright", Bright)):
-        mi.register_integrator(name, integrator)
-        nested = {"type": name}
-        mi.render(mi.load_dict({**scene({"type": "diffuse"}), "integrator": {"type": "prosim_adaptive", "n": nested}}))
-    assert ["render() of Bright is not called" in text for _, text in logged] == [True]
+    class Shifted(path):
+        def sample_rays(self, *what):
+            rays, *more = super().sample_rays(*what)
+            rays.o.x += 1
+            return rays, *more
+
+    for name, integrator in (("depth", Depth), ("bright", Bright), ("path", path), ("shifted", Shifted)):
+        mi.register_integrator(f"users_{name}", integrator)
+        adaptive = {"type": "prosim_adaptive", "nested": {"type": f"users_{name}"}}
+        mi.render(mi.load_dict({**scene({"type": "diffuse"}), "integrator": adaptive}), spp=1)
+    said = "render() of Bright is not called", "sample_rays() of Shifted is not called"
+    assert all(text in found for text, (_, found) in zip(said, logged, strict=True))
 
 
 class Fisheye(mi.llvm_ad_rgb.Sensor):

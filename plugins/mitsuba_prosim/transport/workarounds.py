@@ -160,14 +160,19 @@ def warn_of_missing_flags(scene: mi.Scene) -> None:
 
 
 def warn_of_unused_render(integrator: mi.SamplingIntegrator) -> None:
-    """Warns if the class of a user's integrator has its own ``render``: only its method ``sample`` is called."""
-    owner = next(base for base in type(integrator).__mro__ if "render" in vars(base))
-    if is_users(integrator) and owner.__module__.partition(".")[0] != "mitsuba":
+    """Warns if a user's class of integrators has its own ``render`` or ``sample_rays``: only ``sample`` is called."""
+    owners = {name: base for base in reversed(type(integrator).__mro__) for name in vars(base)}
+    own = [name for name in ("render", "sample_rays") if name in owners and _is_users(owners[name])]
+    if own and is_users(integrator):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: the method render() of {type(integrator).__name__} is not called, and this image may be another: "
-            "the mean of what sample() returns. Use mi.render for that of render().",
+            f"prosim: the method {own[0]}() of {type(integrator).__name__} is not called, and this image may be "
+            "another: the mean of what sample() returns for the sensor's rays. Use mi.render for that of the class.",
         )
+
+
+def _is_users(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] != "mitsuba"
 
 
 def _within(bsdf: mi.BSDF, *names: str) -> Iterator[mi.BSDF]:

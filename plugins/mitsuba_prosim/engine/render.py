@@ -20,7 +20,7 @@ from .plan import Plan, area
 from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
-from .tiny_lamps import sees_tiny_lamp
+from .tiny_lamps import samples_for_tiny_lamps
 from .work import Executor, Step, Steps, batches, lacking, work_items
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Reached(NamedTuple):
     noise_99: float
     #: Upper bound of the RMS error, which exceeds the bound with a probability of about 5 %.
     noise_at_most: float
-    #: Whether rays may miss a lamp, see :func:`.sees_tiny_lamp`.
+    #: Whether rays may miss a lamp, see :func:`.samples_for_tiny_lamps`.
     tiny_lamp: bool
     #: Seconds since the beginning of the render.
     seconds: float
@@ -101,7 +101,7 @@ class Render(Steps):
         self._stopped, self._complete, self._done = False, True, 0.0
         tree = getattr(getattr(estimator.transport, "settings", None), "follows_tree", False)
         by_chance = estimator.transport.caustics is None and not tree
-        self._tiny_lamp = sees_tiny_lamp(estimator.scene, estimator.sensor, by_chance)
+        self._for_tiny_lamps = samples_for_tiny_lamps(estimator.scene, estimator.sensor, by_chance)
         super().__init__(self._run())
 
     # ---------------------------------------------------------------- as an iterator
@@ -223,7 +223,8 @@ class Render(Steps):
     def reached(self) -> Reached:
         """Samples, error and time so far; the error is that of the last measurement."""
         counts = self.counts()
-        return Reached(mean(counts), int(counts.min()), *self.state.noise, self._tiny_lamp, self.target.elapsed)
+        tiny_lamp = bool(counts.sum() < self._for_tiny_lamps)
+        return Reached(mean(counts), int(counts.min()), *self.state.noise, tiny_lamp, self.target.elapsed)
 
     @alone()
     def error(self) -> np.ndarray:

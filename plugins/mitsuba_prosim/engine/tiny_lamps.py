@@ -14,12 +14,14 @@ from .camera import is_perspective
 #: Minimum value, straight on, of a transmitting lobe that few rays find: that of glass with a roughness of 0.2; and of
 #: a reflecting lobe that fewer than one of a thousand rays find: that of metal with a roughness of 0.016. Light
 #: through glass has no other way, but a reflection adds to the direct light. Maximum size in radians of a lamp that
-#: few rays from a diffuse surface find through glass: about one of a thousand.
-NARROW, POLISHED, SMALL = 30.0, 300.0, 0.06
+#: few rays from a diffuse surface find through glass, about one of five thousand; and how many rays of an image must
+#: find it, so that the measured error contains its noise.
+NARROW, POLISHED, SMALL, ENOUGH = 30.0, 300.0, 0.06, 200
 
 
-def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) -> bool:
-    """Tells whether rays may miss the light of a tiny lamp that a surface reflects or refracts.
+def samples_for_tiny_lamps(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) -> float:
+    """Returns how many samples all pixels need together, so that rays meet a tiny lamp that a surface reflects or
+    refracts: 0 without a tiny lamp, infinite if no number suffices.
 
     Camera rays may miss the reflected or refracted image of a tiny lamp, because this image is small. A lamp is tiny if
     the diagonal of its bounding box, or of the :func:`bright_part` of its bitmap, is less than the width of two pixels
@@ -27,25 +29,26 @@ def sees_tiny_lamp(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool = False) 
     function only checks that some BSDF of the scene has a glossy or specular lobe, not where in the scene this BSDF is.
 
     ``by_chance``: whether only rays that meet a lamp by chance find its light behind glass, as in a path tracer. Then a
-    lamp is also tiny if the scene has glass, and the lamp's diagonal is less than :data:`SMALL`, seen from the camera;
-    and so is a lamp without an extent if the glass is a little rough, or a metal almost a mirror. For sensors that are
-    not Mitsuba's perspective camera, the size of lamps is not known.
+    lamp is also tiny if the scene has glass, and the lamp's diagonal is less than :data:`SMALL`, seen from the camera:
+    about one in ``20 / diagonal**2`` rays from surfaces as far away meets it. A lamp without an extent is tiny if the
+    glass is a little rough, or a metal almost a mirror. For sensors that are not Mitsuba's perspective camera, the size
+    of lamps is not known.
     """
     clear, rough = has_glass(scene) if by_chance else (False, False)
     points = by_chance and any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters())
     if points and (rough or has_lobe(scene, "GlossyReflection", POLISHED)):
-        return True
+        return np.inf
     if not is_perspective(sensor) or not lobes.has_any(all_flags(scene), *lobes.SPECULAR):
-        return False
+        return 0
     pixel = 2 * np.tan(np.radians(float(mi.traverse(sensor)["x_fov"][0])) / 2) / sensor.film().size()[0]
-    size = max(2 * pixel, SMALL * (clear or rough))
-    eye = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation())
+    eye, smallest = np.ravel(world_transform(sensor, mi.Float(sensor.shutter_open())).translation()), np.inf
     for lamp in (emitter for emitter in scene.emitters() if emitter.get_shape() is not None):
         box = lamp.get_shape().bbox()
         diagonal = np.linalg.norm(box.extents()) * bright_part(lamp) ** 0.5
-        if diagonal < size * np.linalg.norm(box.center() - eye):
-            return True
-    return False
+        smallest = min(smallest, diagonal / max(np.linalg.norm(box.center() - eye), 1e-30))
+    if smallest < 2 * pixel:
+        return np.inf
+    return ENOUGH * 20 / smallest**2 if (clear or rough) and smallest < SMALL else 0
 
 
 def bright_part(lamp: mi.Emitter) -> float:

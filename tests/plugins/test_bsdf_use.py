@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, bitmap, derivative, only
+from scenes import FLAT, bitmap, derivative, load_scene, only, write_square
 
 SPECULAR = mi.BSDFFlags.DeltaReflection
 
@@ -35,6 +35,14 @@ def test_colours_of_indices_may_be_above_1(spectral, material, reflectance):
         si.wavelengths = mi.UnpolarizedSpectrum(635, 635, 437, 437)
     weight = mi.load_dict(material).sample(only(SPECULAR), si, mi.Float(0.5), mi.Point2f(0.5))[1]
     assert np.ravel(weight)[[0, -1]] == pytest.approx(reflectance, abs=2e-4)
+
+
+def test_colours_of_the_vertices_of_a_mesh_are_reflectances(variant_rgb, tmp_path):
+    """A ``mesh_attribute`` has no ``max()``."""
+    paint = {"type": "prosim_lambertian", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
+    scene = load_scene(square=write_square(tmp_path / "square.ply", color=0.4) | {"bsdf": paint})
+    si = scene.ray_intersect(mi.Ray3f([0, 0, 1], [0, 0, -1]))
+    assert np.allclose(si.bsdf().eval_diffuse_reflectance(si), 0.4)
 
 
 @pytest.mark.parametrize(

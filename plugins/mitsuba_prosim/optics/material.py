@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -320,9 +321,10 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
     if name not in props:
         return None if default is None else props.get_texture(name, default)
     texture = props.get_texture(name)
-    checked = not (values or name == "ambient" or is_users(texture) or texture.is_spatially_varying())
-    if checked and texture.max() > 1:
-        raise reject(props, name, f"a spectrum up to {texture.max():.6g}", allowed)
+    if not (values or name == "ambient" or is_users(texture) or texture.is_spatially_varying()):
+        with suppress(RuntimeError):  # of a mesh_attribute, which has no max()
+            if texture.max() > 1:
+                raise reject(props, name, f"a spectrum up to {texture.max():.6g}", allowed)
     return texture
 
 

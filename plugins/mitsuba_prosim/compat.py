@@ -213,7 +213,7 @@ def shape_number(pointer: mi.ShapePtr) -> int:
 # Only class names distinguish these kinds of objects in Mitsuba 3.9. A test compares the names with the classes.
 
 #: Class names of shapes, a sensor and emitters.
-INSTANCE, SPHERE, CYLINDER, RECTANGLE = "Instance", "Sphere", "Cylinder", "Rectangle"
+INSTANCE, GROUP, SPHERE, CYLINDER, RECTANGLE = "Instance", "ShapeGroupPlugin", "Sphere", "Cylinder", "Rectangle"
 PERSPECTIVE = "PerspectiveCamera"
 CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 

@@ -5,6 +5,7 @@ from functools import partial
 import drjit as dr
 import mitsuba as mi
 import mutants
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from mitsuba_prosim import check
@@ -177,6 +178,22 @@ def test_solids_of_a_scene_in_the_language_are_right(variant_rgb, tmp_path):
     scene.write_text("LIGHTS POINT position 0 9 9 CSG-TREE SPHERE 0 SURFACE 0 TRANSFORM 0 END")
     (shape,) = [node for node in Subject(scene).nodes() if Subject(scene, node).name == "ply"]
     assert check.check(scene, node=shape).ok
+
+
+def test_files_and_groups_of_a_scene(variant_rgb, tmp_path):
+    """Files lie in the folders of its elements <path>; groups and instances are not tested, but what is in them."""
+    scene, folder = tmp_path / "scene.xml", tmp_path / "pictures"
+    folder.mkdir()
+    mi.Bitmap(np.full((2, 2, 3), 128, np.uint8)).write(str(folder / "a.png"))
+    texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/></texture>'
+    ball = f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape>'
+    group = f'<shape type="shapegroup" id="g">{ball}</shape><shape type="instance"><ref id="g"/></shape>'
+    scene.write_text(f'<scene version="3.0.0"><path value="pictures"/>{group}</scene>')
+    nodes = {Subject(scene, node).name: node for node in Subject(scene).nodes()}
+    assert nodes.keys() == {"shapegroup", "instance", "sphere", "diffuse", "bitmap", "path"}  # the default integrator
+    Subject(scene, nodes["bitmap"]).load()
+    for name in "shapegroup", "instance":
+        assert {result.verdict for result in check.check(scene, node=nodes[name]).results} == {"not tested"}
 
 
 def test_scalar_variants_are_refused(variant_scalar):

@@ -47,6 +47,7 @@ class Subject:
         self.source: Path | Mapping[str, Any] = source
         self.node, self.modules = node, tuple(modules)
         self._states: dict[str, Any] = {}
+        self._search: list[str] = []
 
     def set_variant(self, variant: str) -> None:
         """Sets a variant and registers all plugins for it."""
@@ -75,7 +76,9 @@ class Subject:
     def _parse(self, config: Any) -> Any:
         if isinstance(self.source, Path):
             self._folder = TemporaryFolder()
-            return scene_file.SceneFile(self.source, self._folder.path).state
+            file = scene_file.SceneFile(self.source, self._folder.path)
+            self._search = [*file.resolver]
+            return file.state
         plain = all(isinstance(value, (str, int, float)) for value in self.source.values())
         defaults = DEFAULTS.get(self.source.get("type", ""), {}) if plain else {}
         state = mi.parser.parse_dict(config, _copied({**defaults, **self.source}))
@@ -108,8 +111,7 @@ class Subject:
             elif key in root.props:
                 del root.props[key]
         state.nodes[0] = root
-        folders = [self._folder.path, self.source.parent] if isinstance(self.source, Path) else []
-        with session.search_path(folders):
+        with session.search_path(self._search):
             loaded: Any = instantiate(mi.parser.ParserConfig(mi.variant() or ""), state, self.types())
         loaded = loaded[0] if isinstance(loaded, list) else loaded
         for method in [one for cls in type(loaded).__mro__ for one in vars(cls).values() if inspect.isfunction(one)]:

@@ -103,7 +103,8 @@ class SceneFile:
             for place in self._unread:
                 why = f"{place}; Mitsuba accepts this, but its spectrum files are neither watched nor sent to a cluster"
                 warnings.warn(prosim_scene.SceneWarning(why), stacklevel=2)
-            self._resolver = mi.file_resolver()
+            #: Mitsuba's search path of the scene's files.
+            self.resolver = mi.file_resolver()
             if confinement:
                 confinement.check_state(self.state)
             self._unchanged = mi.parser.ParserState(self.state)  # for digest()
@@ -180,7 +181,7 @@ class SceneFile:
         """Yields ``(name, path)`` for the files of each conductor's ``material`` that is not one of Mitsuba's."""
         for value in (node.props.get("material") for node in self.state.nodes):
             for name in (file.format(value) for file in compat.MATERIAL_FILES):
-                path = Path(str(self._resolver.resolve(name)))
+                path = Path(str(self.resolver.resolve(name)))
                 if os.path.isfile(path) and not path.resolve().is_relative_to(Path(INSTALLED).resolve()):
                     yield name, path
 
@@ -197,7 +198,7 @@ class SceneFile:
         """Yields ``(properties, name, path)`` for each parameter ``name`` whose value names an existing file."""
         for props in (node.props for node in state.nodes):
             for name in [name for name in props if props.type(name) == mi.Properties.Type.String and props[name]]:
-                path = Path(str(self._resolver.resolve(props[name])))
+                path = Path(str(self.resolver.resolve(props[name])))
                 if os.path.isfile(path):  # pathlib raises an error for a list of numbers that is too long for a name
                     yield props, name, path
 
@@ -214,7 +215,7 @@ class SceneFile:
         reads_exr = any(OpenEXR.isOpenExrFile(str(path)) for _, _, path in self._file_parameters(self.state))
         threads = max(dr.thread_count(), compat.EXR_THREADS) if reads_exr else None
         try:
-            with session.search_path([*self._resolver]), session.threads(threads):
+            with session.search_path([*self.resolver]), session.threads(threads):
                 return instantiate(state)
         except RuntimeError:
             if self.document is not None:

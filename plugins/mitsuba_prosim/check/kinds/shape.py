@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import mitsuba as mi
 import numpy as np
 
+from ...compat import GROUP, INSTANCE
 from ..inputs import directions, interaction, octant, rows, uniform
 from ..tests import Tests
 
@@ -25,7 +26,9 @@ class Shape(Tests):
     """Tests of a shape."""
 
     def prepared(self, loaded: Any) -> Placed:
-        """The shape in a scene of its own."""
+        """The shape in a scene of its own. Raises NotImplementedError for a group, and for an instance of one."""
+        if loaded.class_name() in (GROUP, INSTANCE):
+            raise NotImplementedError("the shapes of a group are tested alone")
         scene = mi.load_dict({"type": "scene", "shape": loaded})
         low, high = (np.array(v, dtype=float) for v in (scene.bbox().min, scene.bbox().max))
         return Placed(scene, scene.shapes()[0], (low + high) / 2, float(np.linalg.norm(high - low)))

@@ -507,6 +507,21 @@ def test_derivatives_that_mitsuba_lacks_cause_a_warning(variant_rgb, logged, bsd
         assert sum(words in text for _, text in logged) == warned
 
 
+def test_derivatives_by_the_direction_of_the_sun_cause_a_warning(variant_rgb, logged):
+    scene = load_scene(
+        integrator=PATH | {"type": "prosim"},
+        sensor=camera([0, 3, 4], [0, 0, 0], film(2)),
+        sky={"type": "sunsky"},
+        card=ground(3, diffuse(0.5, 0.5, 0.5)),
+    )
+    params = mi.traverse(scene)
+    for name in "sky.albedo.value", "sky.sun_direction":
+        dr.enable_grad(params[name])
+        params.update()
+        dr.backward(dr.mean(mi.render(scene, params, spp=1), axis=None))
+        assert sum("sun_direction of 'sky' are wrong" in text for _, text in logged) == (name == "sky.sun_direction")
+
+
 @pytest.mark.parametrize("diffuse_bounces", [0, -1])
 def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bounces):
     """The image of a card, seen from behind, is proportional to the radiance of the sky. The noise is 0.2 %."""

@@ -115,6 +115,17 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
         )
 
 
+def warn_of_moving_sun(scene: mi.Scene) -> None:
+    """Warns of derivatives by the direction of the sun of a ``sunsky``: those of its density are wrong."""
+    for emitter in scene.emitters():
+        if emitter.class_name() == "SunskyEmitter" and dr.grad_enabled(mi.traverse(emitter)["sun_direction"]):
+            mi.Log(
+                mi.LogLevel.Warn,
+                f"prosim: the derivatives by sun_direction of {emitter.id()!r} are wrong. Take prb, whose derivatives "
+                "in reverse mode (dr.backward) are right.",
+            )
+
+
 def _hidden_choices(bsdf: mi.BSDF) -> Iterator[mi.Object]:
     """Yields what a ``mask`` or ``blendbsdf`` in ``bsdf`` chooses ideal lobes by: BSDFs, and weights of blends."""
     for mixture in _within(bsdf, MASK, BLEND):

@@ -1,6 +1,5 @@
 """``prosim mix``: changes the brightness and the colour of the lamps of a rendered image."""
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -38,8 +37,9 @@ def mix(job: Job, image: Path, factors: tuple[str, ...]) -> None:
             planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     except (RuntimeError, ValueError):
         raise InputError(f"{image} is not a readable EXR image; give an image by prosim render --layers.") from None
-    names = [name[:-2] for name in planes if re.fullmatch(r".+\.R", name)]
-    layers = [name for name in names if {f"{name}.G", f"{name}.B"} <= set(planes)]
+    # Older images do not name their layers, of which an AOV of colours is none.
+    known = header["prosim.layers"].split("\n") if "prosim.layers" in header else [name[:-2] for name in planes]
+    layers = [name for name in dict.fromkeys(known) if {f"{name}.{letter}" for letter in "RGB"} <= set(planes)]
     if not layers or not all(is_sum(planes, layers, letter) for letter in "RGB"):
         raise InputError(
             f"{image} is not the sum of its layers ({', '.join(layers) or 'none'}); render it with --layers lights, "
@@ -52,7 +52,7 @@ def mix(job: Job, image: Path, factors: tuple[str, ...]) -> None:
     for k, letter in enumerate("RGB"):
         planes[letter] = whole[..., k]
         planes |= {f"{name}.{letter}": values[..., k] for name, values in colours.items()}
-    header["prosim.mix"] = factors_in_words(wanted)
+    header["prosim.mix"] = "; ".join(filter(None, [header.get("prosim.mix"), factors_in_words(wanted)]))
     stem = files.output_stem(job.output, image.with_name(f"{image.stem}-mix"), SUFFIXES)
     files.check(stem, SUFFIXES, sum(plane.nbytes for plane in planes.values()), [image])
     # The image's own channels are first, in the order R, G, B, A; the channels of the layers follow.

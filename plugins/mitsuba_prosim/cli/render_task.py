@@ -405,6 +405,8 @@ def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | No
         result |= {name: f"{value:.6g}" for name, value in values.items() if not isnan(value)}
     if ended is not None:
         result["ended"] = ended
+    if layers := getattr(integrator, "layer_names", None):
+        result["layers"] = "\n".join(layers)
     return {f"prosim.{name}": value for name, value in result.items()}
 
 

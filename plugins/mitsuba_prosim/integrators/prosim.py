@@ -247,14 +247,14 @@ class Prosim(ProgressiveIntegrator):
                 raise reject(props, "layers", self.layers, f'"none" {here} layers')
         if self.layers != "none" and self.caustics:
             raise reject(props, "layers", self.layers, '"none" with caustics, as photons do not know their source')
-        self._layer_channels: list[str] = []  # channel names of the last rendered scene
+        self.layer_names: list[str] = []  # those of the last rendered scene
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         expose(callback, ambient=shown(self.ambient), background=shown(self.background))
 
     def aov_names(self) -> list[str]:
         """Returns the names of all AOVs; those of ``layers``, which depend on the scene, only after a render."""
-        return self._layer_channels + super().aov_names()
+        return [f"{name}.{letter}" for name in self.layer_names for letter in "RGB"] + super().aov_names()
 
     def parameter_names(self) -> list[str]:
         return [*super().parameter_names(), *SETTINGS, "caustics", "caustic_photons"]
@@ -292,7 +292,7 @@ class Prosim(ProgressiveIntegrator):
         """
         caustics = self._caustics(scene, sensor) if self.caustics else None
         transport = Transport(self._settings(), scene, attached, sensor.get_medium(), caustics)
-        self._layer_channels = transport.aov_names
+        self.layer_names = [*transport.layers]
         return transport
 
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:

@@ -242,7 +242,9 @@ def test_check_passes_active_to_methods(monkeypatch):
 
 @pytest.mark.parametrize("plugin", ["aov", "prosim_features"])
 def test_check_of_image_without_light_tests_no_light(plugin):
-    assert [result.verdict for result in check.check(plugin).results] == ["not tested"]
+    report = check.check(plugin)
+    assert [result.verdict for result in report.results] == ["not tested"]
+    assert report.table().startswith(f"integrator {plugin}: not tested\n")
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,8 @@ class Report:
 
     def table(self) -> str:
         """Returns the worst result of each test as a text of one line."""
-        lines = [f"{self.kind} {self.plugin}: {'right' if self.ok else 'WRONG'}"]
+        nothing = all(result.verdict == SKIPPED for result in self.results)
+        lines = [f"{self.kind} {self.plugin}: {SKIPPED if nothing else 'right' if self.ok else 'WRONG'}"]
         for test in dict.fromkeys(result.test for result in self.results):
             results = [result for result in self.results if result.test == test]
             worst = max(results, key=lambda r: (VERDICTS.index(r.verdict), -1 if r.p_value is None else -r.p_value))

@@ -245,10 +245,10 @@ def is_users(thing: mi.Object) -> bool:
 
 def description(thing: Any) -> str:
     """Returns ``str(thing)``; the name of the class alone if it is a user's in Python without ``to_string``, or
-    contains such an object. Then ``str`` is an error in Mitsuba 3.9.
+    contains such an object. Then ``str`` is an error in Mitsuba 3.9, which also calls ``moment`` a scene.
     """
     try:
-        return str(thing)
+        return re.sub(r"^Scene\b", "MomentIntegrator", str(thing)) if isinstance(thing, mi.Integrator) else str(thing)
     except RuntimeError:
         return f"{type(thing).__name__ if is_users(thing) else thing.class_name()}[]"
 

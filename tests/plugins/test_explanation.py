@@ -282,6 +282,7 @@ def test_other_filters_and_colours_are_noted(variant_rgb):
         ("prosim", {"sensor": None}, "sensor index is out of bounds"),
         ("ptracer", {}, "ParticleTracerIntegrator"),
         ("depth", {}, "DepthIntegrator"),
+        ("moment", {}, "MomentIntegrator"),
     ],
 )
 def test_explanation_refuses_wrong_arguments(variant_rgb, kind, arguments, message):

@@ -486,6 +486,17 @@ def test_progress_and_cancel(variant_rgb):
     assert np.array_equal(np.array(mi.render(scene)), whole)
 
 
+def test_another_variant_between_two_steps_is_refused_and_the_first_continues(variant_rgb):
+    scene = mi.load_dict(penumbra(type="prosim", band=128))
+    render = scene.integrator().progressive(scene)
+    next(render)
+    mi.set_variant("llvm_ad_spectral")
+    with pytest.raises(RuntimeError, match=f"began in the variant {variant_rgb}"):
+        next(render)
+    mi.set_variant(variant_rgb)
+    assert np.array_equal(render.run().image(), mi.render(scene))
+
+
 # ------------------------------------------------------------------ difficult scenes
 
 

@@ -42,12 +42,16 @@ class Step(NamedTuple):
 
 
 class Steps(Iterator[Step]):
-    """An iterator over the :class:`Step` objects of a render."""
+    """An iterator over the :class:`Step` objects of a render. The next step raises RuntimeError while another variant
+    is active than at the beginning, because the scene belongs to this one.
+    """
 
     def __init__(self, steps: Generator[Step, None, None]) -> None:
-        self._steps = steps
+        self._steps, self._variant = steps, mi.variant()
 
     def __next__(self) -> Step:
+        if mi.variant() != self._variant:
+            raise RuntimeError(f"This render began in the variant {self._variant}; set it again before the next step.")
         return next(self._steps)
 
     def run(self) -> Self:

@@ -8,7 +8,7 @@ import pytest
 from mitsuba_prosim.cli import render_task
 from mitsuba_prosim.engine import checkpoint, environment
 from mitsuba_prosim.engine.checkpoint import CheckpointWriter
-from running import LAMP, alike, done, names, pixels, prosim, refused
+from running import LAMP, alike, done, metadata, names, pixels, prosim, refused
 
 
 @pytest.fixture
@@ -79,6 +79,19 @@ def test_another_target_and_another_place(lamp, tmp_path):
     third = moved.rename(tmp_path / "third")  # beside the state it is found
     report = done("resume", third / "b.state.npz", "--max-samples", 400, "--noise", 1e-9)
     assert "maximum number of samples per pixel, 400" in report.stdout
+
+
+@pytest.mark.parametrize("first, reached, then, target", [("noise", 0.5, "time", 4), ("time", 0.01, "noise", 0.003)])
+def test_limit_of_the_scene_that_is_reached_does_not_end_a_render_with_another(
+    write_scene, tmp_path, first, reached, then, target
+):
+    limit = f'type="prosim_adaptive"><float name="{first}" value="{reached}"/><string name="adaptive" value="graded"/>'
+    scene = write_scene(LAMP.replace('type="prosim_adaptive">', limit), "limit.xml")
+    done("render", scene, "--checkpoint")
+    before = float(metadata(scene)["samples"])
+    for _ in range(2):
+        done("resume", tmp_path / "limit.state.npz", f"--{then}", target)
+        assert float(metadata(scene)["samples"]) > 2 * before
 
 
 @pytest.mark.slow

@@ -182,8 +182,8 @@ def from_json(name: str, value: Any) -> Any:
     option. Raises exceptions of many kinds, such as BadParameter and TypeError, if the value is not allowed.
     """
     field_, settings = Job.__dataclass_fields__[name], Job.__dataclass_fields__[name].metadata
-    if value is None and field_.default is None:
-        return None
+    if value in (None, 0.0) and field_.default is None:  # 0: no limit, where the scene has one
+        return value
     if (type_ := settings.get("type")) is None:
         if type(value) is not (bool if settings else str):
             raise TypeError(f"{name}: {value}")

@@ -76,7 +76,7 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         policy = record.attributes["sampling"]["adaptive"]
         # The target replaces --spp, too.
         unfit = before.spp or policy in FIRST_SAMPLE_POLICIES
-        target = {"adaptive": "graded" if unfit else policy, "spp": None} | reached(record, before, target) | target
+        target = {"adaptive": "graded" if unfit else policy, "spp": None} | reached(record, target) | target
     job = continued_job(before, job, checkpoint=True, part=record.part, **target)
     render_and_write(job, files.output_stem(job.output, image_stem(state), SUFFIXES), record)
     if record.finished and not target:
@@ -87,15 +87,16 @@ def resume(job: Job, state: Path, moved: Path | None) -> None:
         )
 
 
-def reached(record: Checkpoint, before: Job, target: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns None for each limit of the job ``before`` that its state ``record`` has reached, and that would thus end
-    the render at once, whatever its new ``target``.
+def reached(record: Checkpoint, target: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns 0 (no limit) for each limit of the options or the scene that the state ``record`` has reached, and that
+    would thus end the render at once, whatever its new ``target``.
     """
-    errors = ErrorTarget((before.noise or 0.0, before.noise_99 or 0.0), 0.0, 0.0).excess(record.attributes["noise"])
+    before = record.attributes["sampling"]
+    errors = ErrorTarget((before["noise"], before["noise_99"]), 0.0, 0.0).excess(record.attributes["noise"])
     # The denoiser may have reserved some of the time.
-    time_is_up = record.finished and before.time and record.attributes["seconds"] > 0.9 * before.time
+    time_is_up = record.finished and before["time"] and record.attributes["seconds"] > 0.9 * before["time"]
     names = ("time",) if time_is_up and target.keys() != {"adaptive"} else ()
-    return dict.fromkeys((*names, "noise", "noise_99") if "time" in target and errors <= 1 else names)
+    return dict.fromkeys((*names, "noise", "noise_99") if "time" in target and errors <= 1 else names, 0.0)
 
 
 @click.command(cls=Command)

@@ -383,6 +383,19 @@ def test_resolution_of_a_film_with_a_crop_window_needs_a_crop(scene):
         assert "2 x 2 pixels" in done("render", scene, "--resolution", *arguments).stdout
 
 
+@pytest.mark.parametrize("arguments", ["--resolution 4x4", "--crop 8,4,4,4"])
+def test_only_the_film_of_the_sensor_changes(scene, arguments):
+    """The others have a crop window, which --resolution does not change, or are too small for that of --crop."""
+    first, film, rest = re.fullmatch(r"(.*)(<sensor.*</film>)(.*)", XML, re.DOTALL).groups()
+    cropped = film.replace('"12"', '"6"').replace("</film>", '<integer name="crop_width" value="2"/></film>')
+    shape = f'<shape type="rectangle">{film.replace("perspective", "irradiancemeter")}</sensor></shape>'
+    scene.write_text(f"{first}{shape}{cropped}</sensor>{film}</sensor>{cropped}{rest}")
+    for sensor in 1, 3:
+        report = done("render", scene, "-s", sensor, *arguments.split()).stdout
+        assert "4 x 4 pixels" in report
+    refused("crop window", "render", scene, *arguments.split())
+
+
 @pytest.mark.parametrize("arguments", ["--resolution 6x4", "--crop 9,9,6,4"])
 def test_sensor_without_a_film_gets_the_size(scene, arguments):
     scene.write_text(re.sub("<film.*</film>", "", XML))

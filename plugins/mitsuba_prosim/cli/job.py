@@ -173,8 +173,9 @@ class Job:
         """Reads the scene file of this job, as :class:`.scene_file.SceneFile` with the further arguments ``how``; the
         translator writes to ``folder``.
         """
-        scene_changes = {name: getattr(self, name) for name in ("definitions", "resolution", "crop", "integrator")}
-        return scene_file.SceneFile(self.scene, folder, **scene_changes, **how, **self.language)
+        names = "definitions", "resolution", "crop", "integrator", "sensor"
+        changes = {name: getattr(self, name) for name in names}
+        return scene_file.SceneFile(self.scene, folder, **changes, **how, **self.language)
 
 
 def from_json(name: str, value: Any) -> Any:

@@ -42,9 +42,11 @@ def check_size(width: int, height: int) -> None:
         )
 
 
-def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, parameters: dict[str, Any]) -> str | None:
-    """Changes the film and the integrators of a parsed scene; returns in words what became of the scene's integrator,
-    such as "path within prosim_adaptive", or None.
+def apply(
+    state: mi.parser.ParserState, resolution: Size, crop: Window, parameters: dict[str, Any], sensor: int = 0
+) -> str | None:
+    """Changes the film of the sensor with the index ``sensor``, and the integrators of a parsed scene; returns in words
+    what became of the scene's integrator, such as "path within prosim_adaptive", or None.
 
     ``resolution`` is the new size (width, height) and ``crop`` the new crop window (x, y, width, height) in pixels, or
     None. ``parameters`` are new values for parameters of the integrator, with those for a scene without a target under
@@ -56,7 +58,7 @@ def apply(state: mi.parser.ParserState, resolution: Size, crop: Window, paramete
     Mitsuba's default, ``path``. Raises ValueError if a film cannot have this size, or if no integrator has the
     parameters.
     """
-    _change_films(state, resolution, crop)
+    _change_films(state, sensor, resolution, crop)
     if state.root.type == mi.ObjectType.Scene and not _integrators(state):
         state.root.props["integrator"] = _add(state, mi.ObjectType.Integrator, mi.Properties("path"))  # the default
     unless = parameters.get(UNLESS_LIMITED, {})
@@ -163,11 +165,22 @@ def option_names(parameters: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in parameters if name != "ambient")
 
 
-def _change_films(state: mi.parser.ParserState, resolution: Size, crop: Window) -> None:
+def _change_films(state: mi.parser.ParserState, sensor: int, resolution: Size, crop: Window) -> None:
+    """Changes the film of one ``sensor``, and only checks the others."""
     if resolution or crop:
         _add_to_sensors(state, mi.ObjectType.Film, mi.Properties("hdrfilm"))  # the default
-    for props in (node.props for node in state.nodes if node.type == mi.ObjectType.Film):
-        _change_film(props, resolution, crop)
+
+    def of(kind: mi.ObjectType, numbers: Iterable[int]) -> list[int]:
+        return [number for number in numbers if state.nodes[number].type == kind]
+
+    objects = _nested(state, 0)
+    # As in the loaded scene, those of shapes are the last.
+    sensors = of(mi.ObjectType.Sensor, objects)
+    for shape in of(mi.ObjectType.Shape, objects):
+        sensors += of(mi.ObjectType.Sensor, _nested(state, shape))
+    changed = {number for chosen in sensors[sensor : sensor + 1] for number in _nested(state, chosen)}
+    for number in of(mi.ObjectType.Film, range(len(state.nodes))):
+        _change_film(state.nodes[number].props, *((resolution, crop) if number in changed else (None, None)))
 
 
 def _change_film(props: mi.Properties, resolution: Size, crop: Window) -> None:
@@ -204,11 +217,15 @@ def _add_to_sensors(state: mi.parser.ParserState, kind: mi.ObjectType, added: mi
     """Adds an object with the properties ``added`` to each sensor that has no object of this kind."""
     types = [node.type for node in state.nodes]
     for number in [number for number, type_ in enumerate(types) if type_ == mi.ObjectType.Sensor]:
-        props = state.nodes[number].props
-        nested = [child.index() for _, child in compat.children(props)]
-        nested += [state.id_to_index[name] for _, name in props.references()]
-        if kind not in [types[index] for index in nested]:
+        if kind not in [types[index] for index in _nested(state, number)]:
             state.nodes[number].props[kind.name.lower()] = _add(state, kind, mi.Properties(added))
+
+
+def _nested(state: mi.parser.ParserState, number: int) -> list[int]:
+    """Returns the numbers of the objects that belong to the object with this number in a parsed scene."""
+    props = state.nodes[number].props
+    nested = [child.index() for _, child in compat.children(props)]
+    return nested + [state.id_to_index[name] for _, name in props.references()]
 
 
 def _integrators(state: mi.parser.ParserState) -> list[mi.parser.SceneNode]:

@@ -38,6 +38,7 @@ class SceneFile:
         resolution: tuple[int, int] | None = None,
         crop: tuple[int, int, int, int] | None = None,
         integrator: Mapping[str, Any] | None = None,
+        sensor: int = 0,
         confined: bool = False,
         **translation: Any,
     ) -> None:
@@ -49,9 +50,9 @@ class SceneFile:
             until the last call of :meth:`load`.
         ``definitions``
             Values that replace the ``$name`` constants in the text of the scene.
-        ``resolution``, ``crop``
-            New size (width, height) of the image, and new crop window (x, y, width, height), in pixels; None: as in the
-            file.
+        ``resolution``, ``crop``, ``sensor``
+            New size (width, height) of the image of the ``sensor`` with this index, and new crop window (x, y, width,
+            height), in pixels; None: as in the file.
         ``integrator``
             New values for parameters of the scene's integrator, such as ``samples``; see :func:`.overrides.apply`.
         ``confined``
@@ -88,6 +89,7 @@ class SceneFile:
             "resolution": resolution,
             "crop": crop,
             "integrator": parameters,
+            "sensor": sensor,
         }
         folders = [self.xml.parent, self.path.parent]
         # A confinement begins with the scene's folder; the search path begins with the folder of the XML file.
@@ -111,7 +113,7 @@ class SceneFile:
         self._materials = sorted({*self._material_files()})
         try:
             #: What became of the scene's integrator, such as "path within prosim_adaptive"; None if it is kept.
-            self.wrapped = overrides.apply(self.state, resolution, crop, parameters)
+            self.wrapped = overrides.apply(self.state, resolution, crop, parameters, sensor)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
 

@@ -58,7 +58,7 @@ def create_folder(folder: Path) -> Iterator[None]:
 
 
 def refuse_special(path: Path) -> None:
-    """Raises OSError if ``path`` is a device or a pipe, because a replacement by a file would remove it."""
+    """Raises OSError if ``path`` is a device or a pipe."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileExistsError(errno.EEXIST, "this is a device or a pipe, not a file", str(path))
 

@@ -1,6 +1,7 @@
 """What the viewer shows after which request."""
 
 import itertools
+import os
 import threading
 from pathlib import Path
 
@@ -87,18 +88,22 @@ def test_viewer_shows_what_was_saved_last(variant_rgb, path):
 
 
 def test_watcher_waits_for_a_missing_file(variant_rgb, path, tmp_path, monkeypatch):
-    """And one that is not whole yet."""
-    path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/wood.png"'))
-    wood, stream = tmp_path / "pictures" / "wood.png", mi.MemoryStream()
+    """And one that is not whole yet, and is not caught by a pipe in the place of the scene."""
+    path.write_text(LITTLE.replace("64 48", "8 6").replace("10000 NULL", '10000 "pictures/of/wood.png"'))
+    wood, stream = tmp_path / "pictures" / "of" / "wood.png", mi.MemoryStream()
     mi.Bitmap(np.full((8, 8, 3), 128, np.uint8)).write(stream, mi.Bitmap.FileFormat.PNG)
     with running(path) as viewer:
-        until(lambda: "'pictures/wood.png' does not exist" in (viewer.state.error or ""))
-        wood.parent.mkdir()
+        until(lambda: "'pictures/of/wood.png' does not exist" in (viewer.state.error or ""))
+        wood.parent.mkdir(parents=True)
         wood.write_bytes(stream.raw_buffer()[:40])
         is_(viewer, "failed", 2)
         wood.write_bytes(stream.raw_buffer())
         is_(viewer, "done")
         assert {path, wood} <= viewer.watcher.stamps.keys()
+        path.unlink()
+        if hasattr(os, "mkfifo"):
+            os.mkfifo(path)
+            until(lambda: "a device or a pipe" in (viewer.state.error or ""))
 
 
 def test_viewer_notices_a_change_while_it_opens_the_scene(variant_rgb, path, tmp_path, monkeypatch):

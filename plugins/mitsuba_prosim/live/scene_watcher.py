@@ -11,8 +11,8 @@ from time import perf_counter as clock
 INTERVAL, FRACTION = 0.02, 0.02
 
 #: Maximum number of files and folders in the scene's folder and its subfolders that are watched while the scene cannot
-#: be opened.
-MAX_WATCHED_FILES = 1000
+#: be opened, the least deep ones first; and how deep the subfolders are.
+MAX_WATCHED_FILES, DEPTH = 1000, 5
 
 #: The identity of a file's content: inode, size and time of the last change; None for a missing file.
 Stamp = tuple[int, ...] | None
@@ -50,7 +50,8 @@ class SceneWatcher:
         folder = self._scene.absolute().parent
         files = {*self.stamps, folder}
         with suppress(OSError):  # too many open files, for example
-            files.update(islice(chain(folder.glob("*"), folder.glob("*/*")), MAX_WATCHED_FILES))
+            levels = (folder.glob("/".join("*" * depth)) for depth in range(1, DEPTH + 1))
+            files.update(islice(chain.from_iterable(levels), MAX_WATCHED_FILES))
         self._watch(files)
 
     def _watch(self, files: set[Path]) -> None:

@@ -63,12 +63,14 @@ class SceneFile:
 
         Raises :class:`prosim_scene.SceneError` for a mistake in the scene language, ValueError if the changes do not
         suit the scene, TypeError for an unknown name in ``translation``, OutsideError if a ``confined`` scene uses a
-        file outside its folder, and the errors of Mitsuba's parser. Warns if ``resolution`` has another aspect ratio
-        than the WINDOW of a scene in the scene language, which distorts the image.
+        file outside its folder, OSError for a device or a pipe, and the errors of Mitsuba's parser. Warns if
+        ``resolution`` has another aspect ratio than the WINDOW of a scene in the scene language, which distorts the
+        image.
         """
         if unknown := sorted(translation.keys() - {*TRANSLATION}):
             raise TypeError(f"no such argument: {', '.join(unknown)}; integrator={{...}} takes samples and the like")
         self.path = self.xml = Path(path)
+        prosim_scene.refuse_special(self.path)  # to read a pipe might wait forever
         #: The parsed text in the scene language; None for XML.
         self.document: prosim_scene.Document | None = None
         parameters = dict(integrator or {})

@@ -13,12 +13,12 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def lamps(tmp_path_factory):
-    """Address of the page, and names of the layers of lights."""
+    """Address of the page, names of the layers of lights, and the scene."""
     path = tmp_path_factory.mktemp("lamps") / "little.scn"
     path.write_text(LITTLE)
     with watching(path, "--layers", "lights") as (_, address):
         names = [name for name in state_when(address, "done")["layers"] if "." in name]
-        yield address, names
+        yield address, names, path
 
 
 def image(address, layer, query=""):
@@ -28,7 +28,7 @@ def image(address, layer, query=""):
 
 
 def test_lamps_are_mixed_as_by_the_command(lamps, variant_rgb, tmp_path):
-    address, lights = lamps
+    address, lights, _ = lamps
     assert len(lights) == 3 and {"lights.background", "lights.ambient"} < set(lights)
     lamp = next(name.partition(".")[2] for name in lights if name not in ("lights.background", "lights.ambient"))
     assert image(address, "final") == pytest.approx(sum(image(address, name) for name in lights), abs=1e-2)
@@ -61,7 +61,7 @@ def page_factors(page):
 @pytest.mark.browser
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome in PATH")
 def test_sliders_mix_the_lamps(lamps, browser):
-    address, lights = lamps
+    address, lights, path = lamps
     lamp = next(name for name in lights if name.startswith("lights.l"))
     with opened(browser, address) as page:
         until(lambda: page.locator("#lamps input").count() == 6 and shown(page).max() > 100)
@@ -87,3 +87,6 @@ def test_sliders_mix_the_lamps(lamps, browser):
         until(lambda: np.array_equal(shown(page), before))
         page.check("input[value='lights.background']", force=True)
         until(lambda: page.get_attribute("#canvas", "data-layer") == "lights.background")
+        path.write_text(f"# a line more\n{LITTLE}")
+        until(lambda: f"{short}: AREA (line 5)" in page.locator("#lamps label").all_inner_texts())
+        assert page.get_attribute("#canvas", "data-layer") == "lights.background"

@@ -142,7 +142,7 @@ function receive(latest) {
 
 /** Shows the layers of the integrator as choices, and a slider and a colour for each lamp. */
 function showIntegratorLayers(names) {
-    const box = find("layers"), lamps = find("lamps"), key = names.join();
+    const box = find("layers"), lamps = find("lamps"), key = JSON.stringify([names, state.names]); // with their lines
     if (box.dataset.key === key) return;
     box.dataset.key = key;
     const chosen = layer(), before = new Map([...lamps.querySelectorAll("input")].map((input) => [input.id, input.value]));

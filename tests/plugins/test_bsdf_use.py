@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, bitmap, derivative, load_scene, only, write_square
+from scenes import FLAT, bitmap, derivative, load_scene, only, rgb, write_square
 
 SPECULAR = mi.BSDFFlags.DeltaReflection
 
@@ -206,6 +206,20 @@ def test_changed_reflectances_create_no_energy(variant_rgb, name, more, kd, ks):
     dr.backward(dr.mean(bsdf.eval(mi.BSDFContext(), si, wo).x))
     by_kd, by_ks = (dr.grad(parameters[key])[0] for key in names)
     assert np.isfinite([by_kd, by_ks]).all() and by_ks == 0 and (by_kd == 0) == (kd > 1)
+
+
+@pytest.mark.parametrize("more", [{}, {"exponent": 20.0}], ids=["smooth", "rough"])
+def test_spectra_of_colours_create_no_energy(variant_spectral, more):
+    """The sum of the spectra is 1.99 at 780 nm. Colours whose own sum is above 1 keep it: it is the user's."""
+    si = dr.zeros(mi.SurfaceInteraction3f, 1 << 16)
+    si.wi, si.wavelengths = mi.Vector3f(0, 0, 1), mi.UnpolarizedSpectrum(400, 500, 600, 780)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, 1 << 16)
+    red = {"diffuse_reflectance": rgb(0.439, 0.07, 0.113)}
+    for ks, expected in (rgb(0.56, 0.168, 0.886), 1), (rgb(0.7, 0.7, 0.9), 1.96):
+        bsdf = mi.load_dict({"type": "prosim_phong", "specular_reflectance": ks, **red, **more})
+        _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+        assert np.mean(weight, axis=1)[3] == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import mitsuba as mi
 
 from ..optics import fresnel
 from ..optics.dispersion import index, optical_constant
-from ..optics.material import Evaluated, Pigmented, reflectance
-from ..parameters import constant_values, flag, for_message, reject
+from ..optics.material import LARGEST_SUM, Evaluated, Pigmented, pigment_sums, reflectance
+from ..parameters import flag, for_message, reject
 from ..registry import plugin
 
 
@@ -148,11 +148,8 @@ def check_sum(props: mi.Properties) -> None:
     """Raises ValueError if the diffuse and the specular reflectance, numbers or colours, add up to more than 1 (thesis,
     section 3.1.1: s + d = 1). The sum of textures and spectra is unknown.
     """
-    names = "diffuse_reflectance", "specular_reflectance"
-    kd, ks = constant_values(props, names[0]) if names[0] in props else [0.5], constant_values(props, names[1])
-    if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
-        return
-    sums = [kd[i % len(kd)] + ks[i % len(ks)] for i in range(max(len(kd), len(ks)))]
-    if max(sums) > 1 + 1e-6:
-        note = "" if names[0] in props else f" ({names[0]} is 0.5 if not given)"
-        raise reject(props, " + ".join(names), for_message(sums), f"a sum <= 1{note}, or energy would be created")
+    sums = pigment_sums(props, ())
+    if max(sums, default=0) > LARGEST_SUM:
+        note = "" if "diffuse_reflectance" in props else " (diffuse_reflectance is 0.5 if not given)"
+        name = "diffuse_reflectance + specular_reflectance"
+        raise reject(props, name, for_message(sums), f"a sum <= 1{note}, or energy would be created")

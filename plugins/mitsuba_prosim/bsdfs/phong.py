@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..optics import cosine
-from ..optics.material import Evaluated, Pigmented, reflectance
+from ..optics.material import LARGEST_SUM, Evaluated, Pigmented, pigment_sums, reflectance
 from ..parameters import flag
 from ..registry import plugin
 
@@ -56,7 +56,8 @@ class Phong(Pigmented):
     :math:`\rho = k_d / \pi + k_s (n + 2) / (2 \pi) \cos^n \alpha`, where :math:`\alpha` is the angle to the mirror
     direction. The model conserves energy if :math:`k_d + k_s \le 1`. A scene may have a
     greater sum, because the listing in the thesis has such surfaces; but if the reflectances change later, :math:`k_s`
-    is limited to :math:`1 - k_d`. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
+    is limited to :math:`1 - k_d`, and so it is in spectral variants at wavelengths where only the spectra of colours
+    have a greater sum. The model has no Fresnel reflectance and no off-specular peak. It is one-sided. Its
     components are specular and diffuse.
 
     With ``normalized`` false, the model is the equation of section 3.1.2 as it stands, :math:`I_r = I_i (k_d \cos
@@ -89,11 +90,14 @@ class Phong(Pigmented):
     PARAMETERS = ("diffuse_reflectance", "specular_reflectance")
 
     def __init__(self, props: mi.Properties) -> None:
+        sums = pigment_sums(props, [0.2])
         super().__init__(props, ("phong",))
-        # Loaded values may have a sum kd + ks above 1: the model is empirical, and the thesis's listing has the sums
-        # 1.2 and 1.4 (appendix A). Changed values are limited, because an optimisation may find any sum.
         self.specular_reflectance = reflectance(props, "specular_reflectance", 0.2)
         self.normalized = flag(props, "normalized", True)
+        # Loaded values may have a sum kd + ks above 1: the model is empirical, and the thesis's listing has the sums
+        # 1.2 and 1.4 (appendix A). Changed values are limited, because an optimisation may find any sum; and so are
+        # the spectra that Mitsuba makes of colours with sums of at most 1: at some wavelengths, theirs may be 2.
+        self.is_limited = mi.is_spectral and self.normalized and 0 < max(sums, default=0) <= LARGEST_SUM
 
     def parameters(self) -> dict[str, Any]:
         return super().parameters() | ({} if self.normalized else {"normalized": False})

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, TypeAlias
 
@@ -21,6 +21,8 @@ from .facets import DISTRIBUTIONS, GRAZING, Distribution, sample_visible, torran
 
 #: Weight of a sample, without the cosine, below which the sample is negligible relative to 1 in single precision.
 LEAST_WEIGHT = 2**-24
+#: Sum kd + ks of given numbers that is not yet above 1: their decimals are rounded.
+LARGEST_SUM = 1 + 1e-6
 
 #: Value of a lobe times the cosine of the direction, and density of the direction per solid angle.
 Evaluated: TypeAlias = "tuple[mi.UnpolarizedSpectrum, mi.Float]"
@@ -326,6 +328,17 @@ def reflectance(props: mi.Properties, name: str, default: float | None = None) -
             if texture.max() > 1:
                 raise reject(props, name, f"a spectrum up to {texture.max():.6g}", allowed)
     return texture
+
+
+def pigment_sums(props: mi.Properties, specular: Sequence[float]) -> list[float]:
+    """Returns the sum kd + ks of each channel; ``specular`` is ks if it is not given. Empty if a reflectance is a
+    texture or a spectrum. Call this before the reflectances become textures.
+    """
+    names = {"diffuse_reflectance": [0.5], "specular_reflectance": specular}
+    kd, ks = (constant_values(props, name) if name in props else default for name, default in names.items())
+    if any(not v or (len(v) > 1 and hasattr(props.get(name), "values")) for name, v in zip(names, (kd, ks))):
+        return []
+    return [kd[i % len(kd)] + ks[i % len(ks)] for i in range(max(len(kd), len(ks)))]
 
 
 def roughness(props: mi.Properties, allowed: tuple[str, ...] = tuple(DISTRIBUTIONS)) -> tuple[Distribution, Any]:

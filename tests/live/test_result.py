@@ -1,5 +1,7 @@
 """``mitsuba_prosim.render``: a scene in one call, its error, and a verdict in words."""
 
+from dataclasses import replace
+
 import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
@@ -61,6 +63,7 @@ def test_notebook_shows_picture_maps_and_verdict(variant_rgb):
     result = mitsuba_prosim.render(scene(), spp=2, progress=False)
     page = result._repr_html_()
     assert page.count("data:image/png;base64,") == 3 and result.verdict in page and result.verdict in repr(result)
+    assert "<script>" not in replace(result, verdict="the light of <script>")._repr_html_()  # the id of a lamp
 
 
 def test_colours_of_a_grey_image_are_not_its_other_channels(variant_rgb):

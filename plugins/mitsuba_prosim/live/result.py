@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -70,7 +71,8 @@ class Result:
             f'{base64.b64encode(as_png(values)).decode()}"><figcaption>{name}</figcaption></figure>'
             for name, values in layers.items()
         )
-        return f'<p>{self.verdict}</p><div style="display: flex; flex-wrap: wrap; gap: 1em">{"".join(figures)}</div>'
+        told = escape(self.verdict, quote=False)  # it has ids of the scene
+        return f'<p>{told}</p><div style="display: flex; flex-wrap: wrap; gap: 1em">{"".join(figures)}</div>'
 
 
 def render(

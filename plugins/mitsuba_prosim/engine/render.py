@@ -265,7 +265,10 @@ class Render(Steps):
 
     @alone()
     def checkpoint(self) -> Checkpoint:
-        """Returns the :class:`.Checkpoint` with which another process can continue the render."""
+        """Returns the :class:`.Checkpoint` with which another process can continue the render. Raises RuntimeError
+        while another variant is active, which the checkpoint would name.
+        """
         from .checkpoint import Checkpoint  # imports modules that an image does not need
 
+        self.check_variant()
         return Checkpoint.of(self.state, self.target.elapsed, self.finished)

@@ -42,17 +42,21 @@ class Step(NamedTuple):
 
 
 class Steps(Iterator[Step]):
-    """An iterator over the :class:`Step` objects of a render. The next step raises RuntimeError while another variant
-    is active than at the beginning, because the scene belongs to this one.
-    """
+    """An iterator over the :class:`Step` objects of a render."""
 
     def __init__(self, steps: Generator[Step, None, None]) -> None:
         self._steps, self._variant = steps, mi.variant()
 
     def __next__(self) -> Step:
-        if mi.variant() != self._variant:
-            raise RuntimeError(f"This render began in the variant {self._variant}; set it again before the next step.")
+        self.check_variant()
         return next(self._steps)
+
+    def check_variant(self) -> None:
+        """Raises RuntimeError if another variant is active than at the beginning, because the scene belongs to this
+        one.
+        """
+        if mi.variant() != self._variant:
+            raise RuntimeError(f"This render began in the variant {self._variant}; set it again to continue.")
 
     def run(self) -> Self:
         """Takes all steps, and returns the iterator."""

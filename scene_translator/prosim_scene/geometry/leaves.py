@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..language.document import Document
+from ..model import Leaf
 from ..view import Camera
 from .coincidence import THICKNESS, Planes, same_surfaces
 from .contacts import near_tori
@@ -87,7 +88,7 @@ def leaves_of(
     :class:`SceneError` for a transform that is nearly singular or too extreme for Mitsuba, and for too many triangles.
     """
     leaves = _distinct(document, meshes)
-    leaves = _bounded(leaves, camera)
+    leaves = _bounded(document, leaves, camera)
     leaves = _with_shared_surfaces(document, leaves, cuts_several_media)
     solids = with_segments(document, leaves.solids, leaves.of_leaf, camera, tolerance)
     offset = np.pad(leaves.origin[:, None], ((0, 1), (3, 0)))
@@ -121,15 +122,37 @@ def _bounded_corners(solids: Sequence[Solid]) -> np.ndarray:
     return np.concatenate(world_boxes([s for s, chosen in zip(solids, bounded | ~bounded.any()) if chosen]))
 
 
-def _bounded(leaves: Leaves, camera: Camera) -> Leaves:
-    """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself."""
+def _bounded(document: Document, leaves: Leaves, camera: Camera) -> Leaves:
+    """Makes each PLANE a block that ends EXTENT times as far from the middle of the scene as the scene itself; one that
+    is subtracted ends beyond the others, of which it would leave a wall in the distance.
+    """
     points = np.stack([camera.eye, camera.eye - camera.depth * camera.n])
     points = np.append(_bounded_corners(leaves.solids), points, axis=0)
     low, high = points.min(axis=0), points.max(axis=0)
     half = (high - low).max() / 2
     # The corners of two cubes: around all facets on which other solids may stand, and around the blocks.
-    boxes = [box_corners((low + high) / 2 + np.outer([-size, size], half * np.ones(3))) for size in (2, EXTENT)]
-    return replace(leaves, solids=[_block(s, *boxes) if s.primitive.name == "plane" else s for s in leaves.solids])
+    inner, outer = ((low + high) / 2 + np.outer([-size, size], half * np.ones(3)) for size in (2, EXTENT))
+    solids, levels = list(leaves.solids), np.zeros(len(leaves.solids), int)
+    np.maximum.at(levels, leaves.of_leaf, _minus_signs(document))
+    for level in sorted({*levels}):
+        chosen = [i for i, s in enumerate(solids) if s.primitive.name == "plane" and levels[i] == level]
+        for i in chosen:
+            solids[i] = _block(solids[i], box_corners(inner), box_corners(outer))
+        ends = np.concatenate([outer, *world_boxes([solids[i] for i in chosen])])
+        outer = np.stack([ends.min(axis=0), ends.max(axis=0)])
+    return replace(leaves, solids=solids)
+
+
+def _minus_signs(document: Document) -> list[int]:
+    """Returns, for each leaf, the number of operators - whose second operand contains it."""
+    above, result = [0], list[int]()
+    for node in document.scene.csg:
+        count = above.pop()
+        if isinstance(node, Leaf):
+            result.append(count)
+        else:
+            above += [count + (node.symbol == "-"), count]  # the first operand is the next node
+    return result
 
 
 def _block(plane: Solid, *boxes: np.ndarray) -> Solid:

@@ -73,6 +73,7 @@ def under_tubes(count, floor, **integrator):
     return tubes | {"type": "scene", "integrator": integrator, "sensor": sensor, "floor": ground(4, floor)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), Lights.UNROLLED + 1])
 def test_light(variant_rgb, count, monkeypatch):
     """The expectation of Mitsuba's own sampling, on a rough mirror too; with less variance."""

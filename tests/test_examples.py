@@ -25,6 +25,7 @@ QUICK = ("2.4-dieletrico", "3.3-beckmann", "4.3-disco-de-poisson", "5.10-associa
 SLOW = "5.14-samples", "5.18-path", *(name for name in figures.DRAWN if name not in QUICK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *slow(*SLOW)])
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"

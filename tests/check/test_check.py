@@ -74,6 +74,7 @@ def test_check_finds_fault(until_it_fails, kind, name):
         check.check(f"mutant_{kind}_{name}", modules=["mutants"])
 
 
+@pytest.mark.slow
 def test_report_of_a_fault_raises():
     report = check.check("mutant_texture_mean", modules=["mutants"])
     assert not report.ok

@@ -182,6 +182,7 @@ def test_ctrl_c_is_for_the_process_that_renders(client, lamp, monkeypatch):
 # ------------------------------------------------------------------ the same bytes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", INTEGRATORS[1::3])
 def test_workers_take_the_samples(scene, variant_rgb, counts, client, integrator):
     scene.write_text(scene_text(integrator, LIT_FLOOR))

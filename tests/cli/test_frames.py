@@ -44,6 +44,7 @@ def kept(folder):
     return {path.name: path.stat().st_ino for path in folder.iterdir() if path.suffix == ".exr"}
 
 
+@pytest.mark.slow
 def test_each_frame_is_the_image_of_the_scene_alone(film):
     assert rendered(film, "--frames", "0:6:2", "--seed", 5) == (3, 0)
     assert names(film.parent) == [
@@ -61,6 +62,7 @@ def test_each_frame_is_the_image_of_the_scene_alone(film):
     assert metadata(film.with_name("film.0004.exr"))["seed"] == "9"
 
 
+@pytest.mark.slow
 def test_a_frame_is_rendered_again_where_the_scene_has_changed(film):
     """Neither a comment nor the encoding is a change."""
     options = "--frames", "0:2"
@@ -84,12 +86,14 @@ def test_a_frame_is_rendered_again_where_an_option_has_changed(film):
     assert rendered(film, *options, *other) == (0, 2)
 
 
+@pytest.mark.slow
 def test_frames_share_kernels(film):
     """No scene of an earlier frame is in memory."""
     first, later = (kernels(lambda frames=frames: rendered(film, "--frames", frames)) for frames in (0, "1:4"))
     assert len(first) > 3 and later <= first
 
 
+@pytest.mark.slow
 def test_passes_of_a_wide_filter_share_a_kernel(write_scene, variant_rgb, monkeypatch):
     """The constants of the filter are in the same order in each kernel, whatever was traced before."""
     compute, used = WorkItem.compute, set()
@@ -108,6 +112,7 @@ def test_passes_of_a_wide_filter_share_a_kernel(write_scene, variant_rgb, monkey
     assert len(used) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "target, name, keep",
     [(Progress, "show", False), (files, "save", False), pytest.param(Progress, "show", True, marks=pytest.mark.slow)],

@@ -35,6 +35,7 @@ def mitsuba(linked):
     return run
 
 
+@pytest.mark.slow
 def test_image_equals_render(tmp_path, tmp_path_factory, variant_rgb, mitsuba):
     """Two of our plugins and a bitmap in a folder of their own: the same pixels as mi.render, to the half. Modules that
     lie beside the scene are not imported.

@@ -46,6 +46,7 @@ def test_denoise_option_refuses_missing_package_and_polarised_light(denoiser, sc
     refused("denoising: light is unpolarised here", "render", scene, "--denoise", "-m", "llvm_ad_mono_polarized")
 
 
+@pytest.mark.slow
 def test_prosim_denoised_and_denoise_option_make_one_image(denoiser, scene):
     """Also with a target, and with both; the verdict tells the error."""
     images = list[np.ndarray]()
@@ -58,6 +59,7 @@ def test_prosim_denoised_and_denoise_option_make_one_image(denoiser, scene):
     refused("--snapshots: the image is denoised", "render", scene, "--snapshots", 0.1)
 
 
+@pytest.mark.slow
 def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(denoiser, scene):
     scene.write_text(OURS)
     done("render", scene, "--denoise", "--checkpoint", "--noise", 0.5, "--resolution", "128x64")
@@ -65,6 +67,7 @@ def test_a_denoised_render_that_has_reached_its_limit_continues_with_another(den
     assert "not denoised: the image reached 0.5 without denoising" in printed
 
 
+@pytest.mark.slow
 def test_time_that_is_left_for_the_denoiser_ends_a_render(denoiser, scene):
     scene.write_text(OURS)
     done("render", scene, "--denoise", "--time", 0.5)

@@ -50,6 +50,7 @@ def test_names_of_images(tmp_path, monkeypatch, given, stem):
         assert found == tmp_path / stem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options, least",
     [((), 0.05), (("--denoise",), 0.5), (("--checkpoint",), 0.7), (("--checkpoint", "--denoise", "--noise", 0.5), 0.3)],
@@ -282,6 +283,7 @@ def test_a_signal_after_the_first_pass_leaves_a_whole_image(noisy, monkeypatch):
     assert pixels(noisy.with_suffix(".exr")).max(axis=2).min() > 0
 
 
+@pytest.mark.slow
 def test_snapshots_are_images_of_one_render(noisy):
     """Their own error and counts are in the metadata; the last image is that of a render without them."""
     done("render", noisy, "--noise", 0.0001, "-o", noisy.with_name("alone"))

@@ -32,6 +32,7 @@ def die_after(monkeypatch, steps):
     monkeypatch.setattr(CheckpointWriter, "__call__", call)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.slow), ("--noise", 0.02)])
 def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, options):
     done("render", lamp, "-o", tmp_path / "whole", *options)
@@ -46,6 +47,7 @@ def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, option
     assert names(tmp_path)[-1] == "whole.png" and (tmp_path / "again.state.npz").exists()
 
 
+@pytest.mark.slow
 def test_a_continued_render_writes_the_other_snapshots(lamp, tmp_path, monkeypatch):
     options = "--noise", 0.0001, "--snapshots", "0.5,0.0002"
     done("render", lamp, "-o", tmp_path / "whole", *options)
@@ -126,6 +128,7 @@ def test_noise_of_the_scene_with_a_part(lamp):
     refused("limits noise and time", "render", lamp, "--part", "1/2")
 
 
+@pytest.mark.slow
 def test_parts_make_the_image_and_it_is_continued(lamp, tmp_path, monkeypatch):
     every = ["--adaptive", "none"]
     done("render", lamp, "-o", tmp_path / "whole", *every)

@@ -58,6 +58,7 @@ def test_each_pixel_gets_the_samples(scene, variant_rgb, counts, k, way):
     assert np.all(counts() == SPP)
 
 
+@pytest.mark.slow
 def test_scene_in_the_language_gets_the_samples(palito, counts):
     done("render", palito, "--spp", SPP, "--resolution", "16x12", "--checkpoint")
     assert np.all(counts() == SPP)

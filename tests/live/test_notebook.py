@@ -32,6 +32,7 @@ def test_interrupt_stops_the_render_after_the_work_item(monkeypatch):
         signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.slow
 def test_show_has_the_image_of_the_scene(variant_rgb, path, monkeypatch):
     """Also if the kernel is interrupted, in the first pass or later."""
     scene = mi.load_dict(prosim_scene.load(path))

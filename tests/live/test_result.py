@@ -116,6 +116,7 @@ def test_wrong_arguments_are_named(variant_rgb, arguments, says):
         mitsuba_prosim.render(scene(), progress=False, **arguments)
 
 
+@pytest.mark.slow
 def test_numbers_of_numpy_and_whole_floats_are_numbers(variant_rgb):
     loaded = mi.load_dict(scene({"type": "prosim"}))
     integrator, camera = loaded.integrator(), loaded.sensors()[0]

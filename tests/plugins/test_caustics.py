@@ -86,6 +86,7 @@ def test_many_spheres_are_merged_into_few_around_all():
 # ---------------------------------------------------------------- what is found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("enough, times", ((0, RADII[0]), (20, None)))
 def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, times):
     """Against a sum over all of them, on planes that lie aslant in the grids; so few buckets that many cells share one,
@@ -151,6 +152,7 @@ def assert_same_bits(world):
         assert np.array_equal(crop, whole[5:13, 3:12])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["radiancemeter", "batch"])
 def test_a_sensor_without_pixels_finds_a_caustic(variant_rgb, kind):
     """The light that a camera sees in its middle, where there is no other light."""
@@ -192,6 +194,7 @@ def test_a_pass_takes_as_many_samples_as_most_pixels_request():
     assert samples([25] * 990 + [5000] * 10, most=5000) == 5000  # nothing else is to come
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", ({"diffuse_bounces": -1}, *slow({})))
 def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, logged, more):
     """And leaves the light of the others."""
@@ -440,6 +443,7 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
         assert abs(by_mirror[k] / expected - 1) < (0.04 if kind in BALLS else 0.02)  # some thousand photons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bsdf, level", [(ROUGH, 1), ({"type": "diffuse"}, 0)], ids=["rough metal", "diffuse"])
 def test_a_mirror_lights_a_floor_as_another_sun_would(variant_rgb, tmp_path, bsdf, level):
     """Vertex normals are tilted against the facets: those of the mirror down, those of the floor to the mirror."""

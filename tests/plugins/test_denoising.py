@@ -187,6 +187,7 @@ def test_errors_are_those_that_the_images_have():
 # ---------------------------------------------------------------- with the denoiser
 
 
+@pytest.mark.slow
 def test_denoise_is_the_same_twice_and_finite(denoiser):
     rng = np.random.default_rng(5)
     truth = picture(rng)
@@ -341,6 +342,7 @@ def test_render_in_every_variant(variant, denoiser):
 # ---------------------------------------------------------------- as an integrator
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pixel_format", ["rgba", *slow("luminance_alpha", "luminance")])
 def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format):
     """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels. The live
@@ -383,6 +385,7 @@ def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, den
     assert saved == {*names, "samples", *colours, "error.Y", "error_raw.Y", "error_denoised.Y"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("inner", [("path",), ("path", "direct")])
 @pytest.mark.parametrize("wrapper", [{}, {"type": "prosim_adaptive", "adaptive": "none"}])
 def test_image_of_aov_is_denoised_beside_all_channels_of_aov(variant_rgb, denoiser, inner, wrapper):

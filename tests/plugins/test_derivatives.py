@@ -362,6 +362,7 @@ def gradients(scene, keys, spp=256):
     return [np.array(dr.grad(params[key])) for key in keys]
 
 
+@pytest.mark.slow
 def test_no_rounding_error_becomes_a_gradient(variant_rgb):
     """In prb the gradient by a pigment that is black in one channel is about that of the pigment alone, however little
     the lobe reflects there.
@@ -421,6 +422,7 @@ def test_derivative_of_million_samples_is_right(variant_rgb):
     assert np.allclose(np.array(scene.integrator().render_forward(scene, params, spp=1 << 20)), 1, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diffuse_bounces", [0, *slow(3), -1])
 def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffuse_bounces):
     """A card before a lamp of radiance 2, in a sky of radiance 1; Mitsuba's ``blendbsdf`` omits ideal lobes."""
@@ -454,6 +456,7 @@ def card_below_a_sky(bsdf, **integrator):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("around", [{}, *slow({"type": "mask", "opacity": 0.6}, {"type": "twosided"})])
 @pytest.mark.parametrize("name", ["diffuse_reflectance", "specular_reflectance", "eta"])
 def test_the_choice_of_an_ideal_lobe_has_no_derivative(variant_rgb, around, name):
@@ -485,6 +488,7 @@ BLEND = {"type": "blendbsdf", "weight": 0.5, "a": {"type": "diffuse"}, "b": {"ty
 MASK = {"type": "mask", "opacity": 0.5, "b": {"type": "plastic"}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bsdf, right, wrong, words, integrator",
     [
@@ -507,6 +511,7 @@ def test_derivatives_that_mitsuba_lacks_cause_a_warning(variant_rgb, logged, bsd
         assert sum(words in text for _, text in logged) == warned
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_direction_of_the_sun_cause_a_warning(variant_rgb, logged):
     scene = load_scene(
         integrator=PATH | {"type": "prosim"},
@@ -522,6 +527,7 @@ def test_derivatives_by_the_direction_of_the_sun_cause_a_warning(variant_rgb, lo
         assert sum("sun_direction of 'sky' are wrong" in text for _, text in logged) == (name == "sky.sun_direction")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("diffuse_bounces", [0, -1])
 def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bounces):
     """The image of a card, seen from behind, is proportional to the radiance of the sky. The noise is 0.2 %."""

@@ -79,6 +79,7 @@ def check_sums(scene, *where):
     assert lit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *slow(*(name for name in CASES if name not in QUICK))])
 def test_contributions_sum_to_samples_and_samples_to_the_image(variant_rgb, name):
     check_sums(scene_of(name))
@@ -108,6 +109,7 @@ def test_contributions_sum_for_a_meter_whose_rays_are_one(variant_rgb, kind):
     check_sums(mi.load_dict(made | {"sensor": meter}), (0, 0))
 
 
+@pytest.mark.slow
 def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
     """Throughput times BSDF value times MIS weight times radiance over density."""
     checked = 0
@@ -165,6 +167,7 @@ def test_nodes_tell_shapes_lobes_and_densities(variant_rgb):
         assert np.allclose(node.origin, parent.position, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_explanation_chooses_the_brightest_sample_and_is_json(variant_rgb):
     scene = scene_of("tree")
     told = mitsuba_prosim.explain(scene, (8, 8), spp=SPP, seed=SEED)
@@ -242,6 +245,7 @@ def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
     assert list(recorder.shape_names(scene, {}).values()) == ["cube, ..."]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind, nested, note",
     [
@@ -259,6 +263,7 @@ def test_other_integrators_are_explained_by_samples_of_prosim_and_say_so(variant
     assert note in said and np.sum(told.mean) > 0
 
 
+@pytest.mark.slow
 def test_other_filters_and_colours_are_noted(variant_rgb):
     made = penumbra(GLASS, SIZE, "gaussian", type="prosim")
     made["sensor"]["film"]["pixel_format"] = "luminance"
@@ -295,6 +300,7 @@ def test_explanation_refuses_scalar_variants(variant_scalar):
         mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE)), (0, 0))
 
 
+@pytest.mark.slow
 def test_explanation_leaves_the_image_as_it_was(variant_rgb):
     scene = scene_of("lamps")
     before = np.array(mi.render(scene, spp=4))
@@ -381,6 +387,7 @@ def test_noise_of_rays_that_meet_lamps_through_holes_asks_for_photons(variant_rg
     assert told.noise[-1] == "What would help: more samples, and photons (caustics)."
 
 
+@pytest.mark.slow
 def test_noise_names_samples_that_are_brighter_than_those_explained(variant_rgb):
     """Of eight explanations by one sample each, some see the lamp and others do not."""
     scene = mi.load_dict(penumbra(None, 512, type="prosim"))

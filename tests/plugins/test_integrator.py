@@ -42,6 +42,7 @@ def render(scene, seed=0, spp=0, **window):
 # ------------------------------------------------------------------ the right image
 
 
+@pytest.mark.slow
 def test_diffuse_scene_equals_direct(variant_rgb):
     direct = renderings(penumbra(type="direct"), 16, spp=36)
     for adaptive in ("none", "neighbours"):
@@ -49,6 +50,7 @@ def test_diffuse_scene_equals_direct(variant_rgb):
         assert same_expectation(direct, ours)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces", [0, -1, 2])
 def test_russian_roulette_does_not_change_the_mean(variant_rgb, bounces):
     how = {"type": "prosim", "adaptive": "none", "samples": 8, "max_level": 3, "diffuse_bounces": bounces}
@@ -167,6 +169,7 @@ def test_at_common_edges_of_triangles_other_rays_do_not_change_a_bit(variant_rgb
     assert np.array_equal(radiance(o[::16], d[::16]), radiance(o, d)[::16])
 
 
+@pytest.mark.slow
 def test_second_render_compiles_no_kernel(variant_rgb):
     """Seeds, bands, passes and thresholds share their kernels."""
 
@@ -302,6 +305,7 @@ DARK = {"prosim": {"max_level": 3}, "prosim_adaptive": {"nested": {"type": "path
 WINDOW = {"crop_offset_x": 60, "crop_offset_y": 60, "crop_width": 4, "crop_height": 4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DARK)
 def test_denormal_numbers_are_the_same_with_any_number_of_threads(variant_rgb, name):
     """A kernel of one thread, and a kernel of few pixels, runs in the thread that launches it."""
@@ -373,6 +377,7 @@ def test_policy_stops_at_the_measure_that_it_names(variant_rgb, name, measure):
         assert np.array_equal(stops[clear], (expected <= threshold)[clear] & (least <= 10)) and clear.mean() > 0.9
 
 
+@pytest.mark.slow
 def test_threshold_and_limits(variant_rgb):
     def mean(**settings):
         return render(penumbra(type="prosim", aovs="samples", **settings))[..., -1].mean()

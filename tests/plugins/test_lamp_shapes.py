@@ -164,6 +164,7 @@ def test_light_of_a_turned_lamp_with_a_texture_comes_from_all_its_points(variant
         assert np.all(difference <= 6 * error) and np.all(6 * error <= 0.05 * means[1]), (to_world, plugin, size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", PLUGINS)
 @pytest.mark.parametrize("texture", [False, True])
 def test_ball_that_shines_outwards_does_not_light_itself(variant_rgb, plugin, texture):

@@ -44,6 +44,7 @@ def rendered(description, seed=0):
 MORE = {"ambient": 0.3, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces, more", [(-1, {}), (0, MORE)])
 def test_the_sum_of_layers_is_the_image_without_layers(variant_rgb, bounces, more):
     description = without(scene(GLASS, diffuse_bounces=bounces, **more), *["sky"] * bool(more))

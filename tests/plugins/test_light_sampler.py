@@ -125,6 +125,7 @@ def test_a_small_near_lamp_does_not_take_the_samples_of_a_far_one(variant_rgb, f
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bsdf", [diffuse(0.5, 0.5, 0.5), {"type": "roughconductor", "alpha": 0.4}])
 def test_chosen_lamps_share_their_light_with_scattered_rays(variant_rgb, bsdf):
     """As for ``path``, with large lamps and a sun, within five standard errors (significance 1e-6)."""

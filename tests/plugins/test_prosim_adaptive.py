@@ -206,6 +206,7 @@ def test_blend_that_path_renders_wrongly_causes_one_warning(variant, logged, nes
     assert sum("blendbsdf" in text for _, text in logged) == len(logged) == warned
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sky, wrapper", [(False, None), (True, None), (False, "aov"), (True, "hide")])
 def test_mask_before_nothing_that_path_darkens_causes_a_warning(variant, logged, sky, wrapper):
     """Mitsuba's ``path`` returns black if it passes only holes, also for the light of the surface around a hole."""

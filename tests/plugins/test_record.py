@@ -46,6 +46,7 @@ SLOW = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings", [QUICK, PHOTONS | {"adaptive": "graded", "threshold": 1e-4, "max_samples": 30}, *slow(*SLOW)], ids=str
 )
@@ -110,6 +111,7 @@ def test_parts_have_equal_shares_of_slow_pixels(of, margin, most):
     assert sum(costs) == cost.sum() and max(costs) < most * np.mean(costs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("adaptive", ["neighbours", *slow("none", "thesis", "graded")])
 def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
     """Also with a crop window, and with a sampled border."""
@@ -157,6 +159,7 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
     assert gc.isenabled() and gc.get_threshold()[0] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

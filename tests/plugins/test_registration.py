@@ -91,6 +91,7 @@ def startup_file():
     return None if done.stdout == "None\n" else done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux" or os.uname().machine != "x86_64", reason="no LLVM is installed there")
 def test_the_installed_llvm_is_the_one_in_use():
     file = Path(startup_file())

@@ -75,6 +75,7 @@ def test_permutations_are_equally_likely(variant_rgb):
         assert scipy.stats.chisquare(np.bincount(np.array(nine(h, mi.UInt32(i))))).pvalue > 0.001
 
 
+@pytest.mark.slow
 def test_keys_of_two_seeds_are_no_stream_shifted(variant_rgb):
     """Wherever a key of one seed is one of another's too, the next pixels' are not; under one seed all differ."""
     pixel = np.arange(1 << 18, dtype=np.uint64)

@@ -54,6 +54,7 @@ def quadrature(c, s):
     return sum(quad(ring, low, high, epsabs=0, epsrel=1e-10)[0] for low, high in itertools.pairwise(points))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [1e-3, 0.5, 0.9999, *slow(1e-5, 0.05, 0.9)])
 def test_the_projected_area_is_that_of_quadrature(variant_rgb, s):
     """The mean of cos(theta) / pdf is the projected solid angle; it varies little, not at all for a whole sphere."""

@@ -213,6 +213,7 @@ def test_a_blend_of_a_mirror_in_a_map(variant_rgb, bounces):
     assert (np.abs(mean - expected) < 4 * np.hypot(error, error[0]) + 1e-5).all(), (mean, expected, error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bsdf, needed",
     [
@@ -394,6 +395,7 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
     assert seen(looking(0.0, it=slab(UNSEEN), behind=behind)) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounces, lamp, warned", [(-1, "point", True), (-1, "sphere", False), (0, "sphere", True)])
 @pytest.mark.parametrize("surface", ["null", "dielectric"])
 def test_medium_that_stops_the_light_of_a_lamp_causes_a_warning(variant, logged, bounces, lamp, warned, surface):
@@ -479,6 +481,7 @@ def lights(kind):
 EVERY = (*SEEN_THROUGH,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "variant, names, hidden, kind",
     [

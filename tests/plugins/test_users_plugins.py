@@ -143,6 +143,7 @@ class Stripes(mi.llvm_ad_rgb.Texture):
         return mi.Color3f(0.5 + 0.4 * dr.sin(30 * si.uv.x))
 
 
+@pytest.mark.slow
 def test_users_texture_in_materials(variant_rgb):
     mi.register_texture("users_stripes", Stripes)
     stripes = {"type": "users_stripes"}
@@ -204,6 +205,7 @@ class Point(mi.llvm_ad_rgb.Emitter):
         return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(3, 3, 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ours, reference", [(TREE, FIRST), (PATHS, WHOLE)], ids=["tree", "paths"])
 @pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), *slow(("lamp",))])
 def test_users_lamps(variant_rgb, lamps, ours, reference):
@@ -221,6 +223,7 @@ def test_users_lamps(variant_rgb, lamps, ours, reference):
     assert compared(scene({"type": "diffuse"}, **{name: things[name] for name in lamps}), ours, reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ours", [TREE, PATHS])
 def test_users_lamp_with_a_sampling_weight_of_0_is_not_sampled(variant_rgb, ours):
     """Mitsuba never calls its ``sample_direction``, so a user can switch the lamp off in ``eval`` alone."""

@@ -114,6 +114,7 @@ def black():
     ]
 
 
+@pytest.mark.slow
 def test_black_image_has_a_reason(variant_rgb):
     for made, says in black():
         loaded = mi.load_dict(made)
@@ -214,6 +215,7 @@ def test_samples_that_are_not_finite_are_told(variant_rgb, integrator, place):
     assert "of 8,192 samples are infinite or NaN, and count as black, most of them in the pixel " in told
 
 
+@pytest.mark.slow
 def test_samples_of_both_halves_that_are_not_finite_are_told(variant_rgb, denoiser):
     things = panel() | {"floor": pane({"type": "diffuse", "reflectance": with_gaps(0.5)}, 6)}
     told = mitsuba_prosim.render(mi.load_dict(scene(PATH, **things)), spp=8, denoise=True, progress=False).verdict

@@ -213,6 +213,7 @@ def test_scalar_variants_cannot_render_progressively(variant_scalar):
         scene.integrator().progressive(scene)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant, integrator", [("scalar_rgb", "prosim"), ("llvm_ad_rgb", "prosim_features")])
 def test_ctrl_c_is_pythons_again_after_an_image_by_mitsubas_loop(variant, integrator):
     """In a process of its own, which Mitsuba's handler would end."""
@@ -467,6 +468,7 @@ def test_the_shortest_time_gives_every_pixel_one_sample(variant_rgb):
     assert np.all(image[..., -2] == 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rfilter, samples, lamps", [("gaussian", 5, 0), ("mitchell", 5, 0), ("mitchell", 16, 1)])
 def test_the_noise_behind_a_filter_is_measured(variant_rgb, rfilter, samples, lamps):
     """It shows rare bright samples in darker pixels, and breaks the order of samples that are well distributed."""

@@ -101,6 +101,7 @@ WRITE = "atomic.write({Path(os.environ['TMPDIR'], 'a'): wait})"
 LOAD = "scene = prosim_scene.load(EXAMPLE); wait(Path(scene['surface_0']['filename']))"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "work, number", [(SCRATCH, signal.SIGKILL), (WRITE, signal.SIGTERM), (WRITE, None), (LOAD, signal.SIGTERM)]
 )

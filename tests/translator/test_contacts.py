@@ -98,6 +98,7 @@ def shapes_and_transforms(name):
     return [f"{shape} {i}{radius}" for i, (shape, radius, _) in enumerate(parts)], [f"{p[2]} {TURN}" for p in parts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("view", [VIEW, *slow("OBS 3 -4 2 VRP 0 0 0 WINDOW -2 -2 2 2")], ids=["far", "near"])
 def test_curved_solid_hides_solids_that_touch_it_from_inside(name, view, recwarn):
@@ -110,6 +111,7 @@ def test_curved_solid_hides_solids_that_touch_it_from_inside(name, view, recwarn
     assert not [w for w in recwarn if "pixels off" in str(w.message)]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:nothing is visible")
 @pytest.mark.parametrize("name", [*QUICK[::4], *slow(*(name for name in INSIDE if name not in QUICK[::4]))])
 def test_curved_solid_in_a_hollow_of_its_own_width_keeps_its_size(name):
@@ -122,6 +124,7 @@ def test_curved_solid_in_a_hollow_of_its_own_width_keeps_its_size(name):
     assert count - 2 in meshes and error <= 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0, *slow(1e-5)])
 @pytest.mark.parametrize("radius", [5, *slow(100, 1e4)])
 def test_marble_in_a_cavity_keeps_its_size(radius, gap, recwarn):
@@ -199,6 +202,7 @@ SELDOM = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tree, radius, view, error",
     [

@@ -73,6 +73,7 @@ def wrong_owners(text, seed=0):
     return exact_csg.wrong_owners(read, triangles, np.concatenate(owner), np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
 @pytest.mark.parametrize("seeds", [range(1), *slow(range(1, 16))], ids=["few", "many"])
 def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
@@ -86,6 +87,7 @@ def test_points_on_faces_belong_to_the_first_leaf_of_the_tree(kind, seeds):
     assert not {seed: count for seed, count in wrong.items() if count > EDGE}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", exact_csg.KINDS)
 @pytest.mark.parametrize("seeds", [range(1), *slow(range(1, 12))], ids=["few", "many"])
 def test_render_agrees_with_exact_evaluation_of_the_tree(variant_rgb, tmp_path, kind, seeds):

@@ -53,6 +53,7 @@ def test_normals_and_uv_are_those_of_the_face_after_cuts(shape, sign):
         assert np.ptp(seam, axis=1)[side].max() < 0.3  # no triangle goes back over the seam
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [*CURVED, "TORUS 0 radius .05"])
 @pytest.mark.parametrize("steps", ["", "SCALE (3 1 2) ROTATE-X (70)"])
 def test_curved_faces_are_as_fine_as_promised(shape, steps):
@@ -241,6 +242,7 @@ def test_floor_reaches_far():
     assert y.max() == pytest.approx(-1) and min(-x.min(), x.max(), -z.min(), z.max()) > 900
 
 
+@pytest.mark.slow
 def test_floor_has_no_holes(variant_rgb, write_scene):
     """Long narrow triangles that end at the solids would have some, because Mitsuba has single precision.
 
@@ -284,6 +286,7 @@ TURNED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TURNED)
 def test_coincident_faces_of_turned_solids(name):
     tree, transforms, areas, expected = TURNED[name]
@@ -315,6 +318,7 @@ TOUCHING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", TOUCHING)
 @pytest.mark.parametrize("size", [1, 1.03])
 def test_result_of_slivers_alone_causes_a_warning(tree, size):

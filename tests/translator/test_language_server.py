@@ -90,6 +90,7 @@ def position(text, word, shift=0):
     return lsp.Position(before.count("\n"), len(before) - before.rfind("\n") - 1)
 
 
+@pytest.mark.slow
 async def test_errors_come_and_go_with_the_text(editor):
     scene = SCENE.replace("NAME: a", "NAME: a (esfera é 🎈) NSAMPLES 3")
     assert not await opened(editor, scene)
@@ -103,6 +104,7 @@ async def test_errors_come_and_go_with_the_text(editor):
     assert (doubt.severity, doubt.code) == (lsp.DiagnosticSeverity.Warning, "unused")
 
 
+@pytest.mark.slow
 async def test_diagnostics_of_the_tree_follow_when_a_scene_is_opened(editor):
     hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
         "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"

@@ -133,6 +133,7 @@ METHOD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", METHOD)
 def test_method_reaches_integrator_and_materials(variant_rgb, write_scene, recwarn, words):
     """Each word changes the plugins that it names, and no others; without METHOD nothing is said."""

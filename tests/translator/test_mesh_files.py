@@ -302,6 +302,7 @@ def test_mesh_file_that_bounds_no_solid_is_refused_by_name(tmp_path, name):
     assert (error.value.line, error.value.column) == (3, 8)
 
 
+@pytest.mark.slow
 def test_bytes_that_are_lost_or_changed_raise_nothing_else():
     generator = np.random.default_rng(1)
     for data in KINDS.values():

@@ -99,6 +99,7 @@ KINDS = "grid,turned_grid,grid of one glass,turned_grid of one glass,grid with m
 KINDS += "nested,rings_and_stumps,slices,turned_half_spaces"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS.split(","))
 def test_every_face_leads_from_one_medium_to_the_next(kind):
     compared = {False: 0, True: 0}

@@ -199,6 +199,7 @@ def test_a_folder_that_may_not_be_read_is_not_locked(scene, failing):
     named(prosim_scene.translate(scene, tolerance=1))
 
 
+@pytest.mark.slow
 def test_the_meshes_of_a_loaded_scene_live_as_long_as_its_dictionary(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     loaded = prosim_scene.load(scene, tolerance=1)
@@ -250,6 +251,7 @@ END
 
 
 # what is told to the second and third translation, and how many trees are evaluated in all
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "second, third, made",
     [

@@ -115,6 +115,23 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
         )
 
 
+def warn_of_undivided_lobes(scene: mi.Scene) -> None:
+    """Warns of derivatives that change the density of a BSDF whose diffuse and specular lobes are evaluated together:
+    those of the shares of its samples that belong to each lobe (:func:`belongs_to`) are missing.
+    """
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = si.n = mi.Vector3f(0, 0, 1)
+    si.sh_frame = mi.Frame3f(si.n)
+    bsdfs = [one for one in all_bsdfs(scene) if lobes.has_any(one.flags(), *lobes.DIFFUSE) and is_inseparable(one)]
+    specular = (one for one in bsdfs if lobes.has_any(one.flags(), *lobes.SPECULAR))
+    if wrong := [one.id() for one in specular if dr.grad_enabled(eval_pdf(mi.BSDFContext(), one, si, si.wi, True)[1])]:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: derivatives by parameters of {', '.join(map(repr, wrong))} are wrong: rays follow its specular "
+            "lobe with a probability that Mitsuba does not tell. Set diffuse_bounces = -1 to follow all its rays.",
+        )
+
+
 def warn_of_moving_sun(scene: mi.Scene) -> None:
     """Warns of derivatives by the direction of the sun of a ``sunsky``: those of its density are wrong."""
     for emitter in scene.emitters():

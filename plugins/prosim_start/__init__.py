@@ -5,6 +5,7 @@ Help does not need Mitsuba, and Ctrl-C must work from the beginning.
 """
 
 import gc
+import io
 import os
 import signal
 import sys
@@ -24,6 +25,9 @@ def main() -> None:
     if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
         os.environ["PYTHONUTF8"] = "1"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    # A name that the terminal, or the file in its place, cannot show is no error of a command that has done its work.
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         os.getcwd()
     except OSError:  # Mitsuba would abort

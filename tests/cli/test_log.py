@@ -102,6 +102,10 @@ def test_names_of_files_are_utf_8_in_any_locale(write_scene):
     ascii_only = [sys.executable, "-X", "utf8=0", *START[1:], "translate", scene]
     done = subprocess.run(ascii_only, check=False, capture_output=True, env=env, timeout=PATIENCE)
     assert done.returncode == 2 and b"in UTF-8" in done.stderr
+    env["PYTHONIOENCODING"] = "latin-1"
+    named = [*START, "translate", scene, "-o", scene.with_name("π")]
+    done = subprocess.run(named, check=False, capture_output=True, env=env, timeout=PATIENCE)
+    assert done.returncode == 0 and rb"\u03c0" in done.stdout, done.stderr
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")

@@ -5,8 +5,10 @@ plugins may ignore the type mask, leave the type of samples 0, lack optional met
 import drjit as dr
 import mitsuba as mi
 import mitsuba_prosim
+import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
+from mitsuba_prosim.scene.rendering import progressive
 from scenes import T, camera, film, rectangle, slow, sphere_lamp
 
 PATHS = {"type": "prosim", "max_level": -1, "diffuse_bounces": -1}
@@ -287,6 +289,12 @@ def test_users_render_that_is_not_called_is_warned_of(variant_rgb, logged):
         mi.render(mi.load_dict({**scene({"type": "diffuse"}), "integrator": adaptive}), spp=1)
     said = "render() of Bright is not called", "sample_rays() of Shifted is not called"
     assert all(text in found for text, (_, found) in zip(said, logged, strict=True))
+
+    # The images for the denoiser, and for ``prosim compare``, are those that the class returns.
+    loaded, bright = mi.load_dict(scene({"type": "diffuse"})), mi.load_dict({"type": "users_bright"})
+    steps = progressive(loaded, loaded.sensors()[0], bright, seed=1, spp=1)
+    list(steps)
+    assert np.array_equal(steps.half_images()[0], mi.render(loaded, integrator=bright, seed=1, spp=1))
 
 
 class Fisheye(mi.llvm_ad_rgb.Sensor):

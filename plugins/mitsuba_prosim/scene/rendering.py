@@ -114,9 +114,10 @@ class Blocking(Steps):
             seeds.append(combine(hash32(seed), 1))
         for number, seed in enumerate(seeds, 1):
             with denormals_rounded():
-                integrator.render(scene, sensor, seed=seed, spp=self._spp)
-                # The film has all channels, of which ``aov`` returns a part.
-                self._images.append(sensor.film().develop())
+                image = integrator.render(scene, sensor, seed=seed, spp=self._spp)
+                # The film has all channels, of which ``aov`` returns a part. A user's class may return another image.
+                stored = sensor.film().develop()
+                self._images.append(image if getattr(image, "shape", None) == stored.shape else stored)
                 dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 

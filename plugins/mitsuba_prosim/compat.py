@@ -234,7 +234,7 @@ MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMa
 ROUGH_PLASTIC, CHOOSERS = "RoughPlastic", ("SmoothPlastic", "ThinDielectric")
 
 #: Class names of BSDFs that name their components, but evaluate all of them together.
-EVALUATED_TOGETHER = ("Principled", "PrincipledThin")
+EVALUATED_TOGETHER = PRINCIPLED, _ = "Principled", "PrincipledThin"
 
 
 def is_users(thing: mi.Object) -> bool:

@@ -498,6 +498,7 @@ MASK = {"type": "mask", "opacity": 0.5, "b": {"type": "plastic"}}
         (MAP | {"b": MASK}, "opacity.value", "diffuse_reflectance.value", "may be wrong", {}),
         ({"type": "principled"}, "base_color.value", "roughness.value", "diffuse_bounces = -1", {"type": "prosim"}),
         (ROUGH | {"b": {"type": "pplastic"}}, "eta.value", "alpha.value", "diffuse_bounces = -1", {"type": "prosim"}),
+        ({"type": "principled", "sheen": 0.01}, "sheen.value", "clearcoat.value", "derivatives by clearcoat of", {}),
         ({"type": "principled"}, "roughness.value", None, "diffuse_bounces = -1", {}),  # here all rays are followed
     ],
 )

@@ -42,6 +42,7 @@ from ..compat import (
     MAPS,
     MASK,
     PATH,
+    PRINCIPLED,
     ROUGH_PLASTIC,
     emitter_samples,
     is_users,
@@ -104,6 +105,14 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
                 mi.LogLevel.Warn,
                 f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are wrong: Mitsuba's roughplastic "
                 "tabulates its transmittance without them. Use principled or prosim_composite.",
+            )
+    for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, PRINCIPLED)):
+        values = {name: mi.traverse(bsdf).get(f"{name}.value") for name in ("sheen", "clearcoat")}
+        if names := [name for name, value in values.items() if dr.grad_enabled(value) and dr.all(value == 0)]:
+            mi.Log(
+                mi.LogLevel.Warn,
+                f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are 0, because Mitsuba's "
+                "principled has no such lobe where its weight is 0. Begin with a small weight, such as 0.01.",
             )
     maps = ((bsdf.id(), one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
     if wrong := [name for name, one in maps if any(map(_has_derivatives, _hidden_choices(one)))]:

@@ -233,6 +233,16 @@ def test_black_source_takes_a_value_later(variant_spectral, make, kind):
     np.testing.assert_allclose(dark(), bright(), rtol=1e-5)
 
 
+def test_bitmaps_that_mitsuba_takes_for_reflectances_are_warned_of(variant_spectral, logged):
+    """Their light above 1 is lost, and that of 1 is not white; with an illuminant it is that of a colour."""
+    image = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32))}
+    for background in rgb(0.5, 0.5, 0.5), {"type": "d65", "nested": image}, image:
+        integrator = {"type": "prosim", "background": background}
+        empty = load_scene(sensor=camera([0, 0, 5], [0, 0, 0], film(4)), integrator=integrator)
+        is_white = np.allclose(np.mean(mi.render(empty, spp=64), (0, 1)), 0.5, atol=0.01)
+        assert is_white == (background is not image) == (not logged)
+
+
 @pytest.mark.parametrize("texel", (-1.0, float("nan"), float("inf")))
 def test_an_image_of_light_is_finite_and_not_negative(variant_rgb, texel):
     texels = np.ones((3, 3, 3), np.float32)

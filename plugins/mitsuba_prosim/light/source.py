@@ -141,7 +141,15 @@ def read_emission(props: mi.Properties, name: str, default: float | None = None)
     if not values:
         import numpy as np  # slow to import, and seldom needed
 
-        for key, parameter in mi.traverse(texture):
+        parameters = mi.traverse(texture)
+        if mi.is_spectral and "data" in parameters:
+            mi.Log(
+                mi.LogLevel.Warn,
+                f"{props.plugin_name()} {props.id()!r}: in spectral variants, Mitsuba takes the texels of the bitmap "
+                f'"{name}" for reflectances: values above 1 are lost, and white has no illuminant. A background may be '
+                "an envmap; for other light, nest a bitmap of values up to 1 in the texture d65.",
+            )
+        for key, parameter in parameters:
             if key.rpartition(".")[2] in ("value", "values", "data"):
                 numbers = np.ravel(np.array(parameter, dtype=np.float32))
                 bad = np.isnan(numbers) if mi.is_spectral else ~((numbers >= 0) & (numbers < math.inf))

@@ -446,10 +446,19 @@ def test_work_items_are_longer_if_they_take_long_to_be_traced(variant_rgb, overh
 @pytest.mark.parametrize("threads", [1, 2])
 def test_speed_is_measured_with_any_number_of_threads(variant_rgb, threads):
     """One thread computes a kernel when it launches it; several threads compute it later."""
-    item = SimpleNamespace(samples=100, compute=lambda: time.sleep(0.02))
+    item = SimpleNamespace(samples=100, compute=lambda: time.sleep(0.03))
     executor = Executor()
     in_threads(threads, lambda: list(executor(iter([item] * 4))))
-    assert (executor.speed < 100 / 0.02) == (threads == 1) and (executor.overhead > 0.01) == (threads == 2)
+    assert executor.speed < 100 / 0.03 and (executor.overhead > 0.01) == (threads == 2)
+
+
+def test_item_that_is_computed_during_its_launch_does_not_make_the_next_one_too_long(variant_rgb):
+    """Where a limit of 1 s was exceeded by 0.4 s, because the second item was measured as four times too fast."""
+    executor = Executor()
+    executor.update_speed(250_000, 0.2, 1.4)
+    for _ in range(2):
+        executor.update_speed(Executor.SMALLEST, 0.0005, 0.03)
+        assert executor.limit(10**7, 0.15) == pytest.approx(0.15 * 250_000 / 0.2)
 
 
 def test_time_limit_keeps_first_work_items_of_slow_scene_small(variant_rgb):

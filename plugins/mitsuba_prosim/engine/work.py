@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 MOST_SUMS = 1 << 23
 #: Maximum number of values of all samples of a work item, in multiples of the parameter ``band``, for the same reason.
 MOST_VALUES = 1 << 10
+#: Minimum number of seconds, after the launch, from which the computation of a work item tells the speed.
+CLEAR = 0.02
 
 
 class Step(NamedTuple):
@@ -125,8 +127,9 @@ class Executor:
         #: Samples per second; at first, the speed in a usual scene.
         cpu = dr.backend_v(mi.Float) == dr.JitBackend.LLVM
         self.speed: float = 2**20 * dr.thread_count() if cpu else 2**24
-        #: Number of measured work items, and seconds in which the latest one was traced and launched.
-        self.measured, self.overhead = 0, 0.0
+        #: Number of measured work items, whether they told the speed, and seconds in which the latest one was traced
+        #: and launched.
+        self.measured, self.is_known, self.overhead = 0, False, 0.0
         #: Seconds in which kernels were traced, compiled and launched.
         self.launching = 0.0
 
@@ -140,7 +143,7 @@ class Executor:
         is measured. Samples take at least as long as the launch of their work item.
         """
         usual = max(self.seconds, min(self.TRACED * self.overhead, self.longest))
-        is_known = self.measured > 1 or not np.isfinite(seconds)
+        is_known = self.is_known or not np.isfinite(seconds)
         size = self.speed * max(min(usual, seconds), self.overhead) if is_known else self.SMALLEST
         return left if left < self.LAST * size else max(int(size), self.SMALLEST)
 
@@ -148,12 +151,15 @@ class Executor:
         """Updates the measured speed after a work item of ``samples`` samples took ``seconds``, after ``overhead``
         seconds in which it was traced and launched.
 
-        The new speed is the speed of this work item, but at most :attr:`SPEED_GROWTH` times the old speed. The first
-        work item cannot lower the speed.
+        The new speed is the speed of this work item, but at most :attr:`SPEED_GROWTH` times the old speed. What is
+        computed in less than :data:`CLEAR` seconds was in part computed during the launch: then the launch counts, and
+        the speed is lowered only if it was not known. The first item includes the compilation, unless in ``overhead``.
         """
-        speed = min(samples / max(seconds, 1e-6), self.SPEED_GROWTH * self.speed)
-        if self.measured or speed > self.speed:  # the first work item also compiles, so it must not lower the speed
+        is_clear = seconds > CLEAR and bool(self.measured or overhead)
+        speed = min(samples / max(seconds + (0.0 if is_clear else overhead), 1e-6), self.SPEED_GROWTH * self.speed)
+        if is_clear or speed > self.speed or (self.measured and not self.is_known):
             self.speed = speed
+        self.is_known = self.is_known or is_clear or self.measured > 0
         self.overhead = overhead if self.measured else 0.0
         self.launching += overhead
         self.measured += 1

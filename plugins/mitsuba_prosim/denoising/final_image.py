@@ -94,6 +94,8 @@ class FinalImage:
 
     def __init__(self, render: Any, denoiser: HalvesDenoiser, why_raw: str = "") -> None:
         self.render, self.denoiser, self._why_raw = render, denoiser, why_raw
+        #: The latest image without denoising, its samples, and its measured error.
+        self._raw: tuple[float, float | None, Denoised] | None = None
 
     def other_channels(self) -> dict[str, np.ndarray]:
         """Returns the channels except the colours: name -> array of shape (height, width).
@@ -123,16 +125,20 @@ class FinalImage:
         """Returns the image of the samples so far, denoised unless :attr:`why_raw`. Raises RuntimeError if it must be
         denoised and has no second half.
         """
+        render = self.render
+        samples = mean(render.counts())
         if self.why_raw is None:
-            render = self.render
             rays = render.state.estimator.transport.rays_per_sample if isinstance(render, Render) else RAYS_PER_PATH
-            return self.denoiser(render.half_images, mean(render.counts()), rays)
-        colours = self.denoiser.colours(self.render.half_images())
-        # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
-        # image. ``noise`` [0] is the measured RMS error.
-        second = self.render.second
-        noise = self.render.noise_bound() if second is None else second.noise(self.render.state)[0]
-        return unmixed(np.add.reduce(colours) / len(colours), self.render.error(), noise)
+            return self.denoiser(render.half_images, samples, rays)
+        measured = None if render.second is None else render.second.noise(render.state)[0]
+        if self._raw is None or self._raw[:2] != (samples, measured):
+            colours = self.denoiser.colours(render.half_images())
+            # ``error`` shows where the noise is, but is too large: it is the error of independent samples of the first
+            # image. ``noise`` is the measured RMS error.
+            noise = render.noise_bound() if measured is None else measured
+            raw = unmixed(np.add.reduce(colours) / len(colours), render.error(), noise)
+            self._raw = samples, measured, raw
+        return self._raw[2]
 
     def channels(self, colours: Sequence[str]) -> dict[str, np.ndarray]:
         """Returns the channels of the final image and of all layers: name -> array of shape (height, width).

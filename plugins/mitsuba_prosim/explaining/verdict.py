@@ -76,7 +76,7 @@ def verdict(
     the :func:`cause`, unless a time limit leaves too little time; None leaves the cause out. ``file`` is the file of
     the scene, whose names of shapes the cause uses.
     """
-    ended = end_cause(render, interrupted)
+    ended, late = end_cause(render, interrupted), why_late(render) if isinstance(render, Render) else ""
     parts = _errors(render, ended) if isinstance(render, Render) else []
     if final is not None:
         parts.append(denoised_words(final, interrupted))
@@ -97,9 +97,7 @@ def verdict(
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):  # the image is finished, and must not be lost
                 sentences.append(cause(render, integrator, file))
-    if isinstance(render, Render):
-        sentences.append(why_late(render))
-    return ". ".join(filter(None, sentences))
+    return ". ".join(filter(None, [*sentences, late]))
 
 
 def why_late(render: Render) -> str:

@@ -230,11 +230,12 @@ AOV, PATH = "AOVIntegrator", "PathIntegrator"
 #: Class names of BSDFs that contain other BSDFs; of these, the last two change the normal by a texture.
 MASK, BLEND, TWO_SIDED, MAPS = "MaskBSDF", "BlendBSDF", "TwoSidedBRDF", ("BumpMap", "NormalMap")
 
-#: Class names of BSDFs some of whose derivatives are wrong: ``roughplastic``, and those that choose an ideal lobe.
-ROUGH_PLASTIC, CHOOSERS = "RoughPlastic", ("SmoothPlastic", "ThinDielectric")
+#: Class names of BSDFs some of whose derivatives are wrong: ``roughplastic``, ``principled``, and those that choose an
+#: ideal lobe.
+ROUGH_PLASTIC, PRINCIPLED, CHOOSERS = "RoughPlastic", "Principled", ("SmoothPlastic", "ThinDielectric")
 
 #: Class names of BSDFs that name their components, but evaluate all of them together.
-EVALUATED_TOGETHER = PRINCIPLED, _ = "Principled", "PrincipledThin"
+EVALUATED_TOGETHER = PRINCIPLED, "PrincipledThin"
 
 
 def is_users(thing: mi.Object) -> bool:

@@ -83,6 +83,7 @@ def test_another_target_and_another_place(lamp, tmp_path):
     assert "maximum number of samples per pixel, 400" in report.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first, reached, then, target", [("noise", 0.5, "time", 4), ("time", 0.01, "noise", 0.003)])
 def test_limit_of_the_scene_that_is_reached_does_not_end_a_render_with_another(
     write_scene, tmp_path, first, reached, then, target

@@ -373,6 +373,7 @@ def test_the_shares_of_all_ways_to_find_a_path_add_up_to_one(variant_rgb):
 ROUGHLY = {"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.05}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("glass", ({"type": "dielectric"}, ROUGHLY), ids=("smooth", "rough"))
 def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(variant_rgb, glass):
     """Walls of radiance 1 send pi times the surface of a ball into it. Facets that shade one another lose some, as much

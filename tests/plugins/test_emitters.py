@@ -66,6 +66,7 @@ def first(value):
     return np.array(value).reshape(3, -1)[:, 0]
 
 
+@pytest.mark.slow
 def test_a_moved_texture_lights_with_all_of_its_points(variant_rgb, logged):
     """Mitsuba's ``area`` samples such a texture as if it were not moved: ``prosim_adaptive`` warns of it."""
     radiance = {"filter_type": "nearest", "to_uv": mi.ScalarTransform3f().scale([2, 1])} | bitmap([[[0] * 3, [4] * 3]])

@@ -154,6 +154,7 @@ def test_shape_within_an_instance_has_its_name(variant_rgb):
     assert {lamp.occluder for node in nodes for lamp in node.lamps} == {None, "box"}
 
 
+@pytest.mark.slow
 def test_nodes_tell_shapes_lobes_and_densities(variant_rgb):
     """The tree of a smooth glass ball: reflected and refracted rays, of an ideal lobe and its probability."""
     scene = mi.load_dict(penumbra({"type": "dielectric"}, SIZE, type="prosim", max_level=2))
@@ -377,6 +378,7 @@ def test_outliers_name_lamp_and_surface(variant_rgb):
     assert "the light of light by way of wall" in said and "What would help: more samples." in said
 
 
+@pytest.mark.slow
 def test_noise_of_rays_that_meet_lamps_through_holes_asks_for_photons(variant_rgb):
     """The holes hide the lamp from its own samples; the light does not come from the sheet with the holes."""
     made = without(penumbra(None, 16, type="prosim", diffuse_bounces=-1, max_level=2), "ball", "pole", "light")

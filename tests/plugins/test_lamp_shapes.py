@@ -48,6 +48,7 @@ def textured(case, folder, value=3.0):
     return shape, radiance
 
 
+@pytest.mark.slow
 def test_bright_spot_is_sampled_by_the_texture(variant_rgb, tmp_path):
     """The noise is much less than on a mesh, which is sampled evenly."""
     texels = np.zeros((16, 16, 3))

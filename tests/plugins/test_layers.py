@@ -73,6 +73,7 @@ def test_the_layer_of_a_lamp_has_the_expectation_of_a_render_with_it_alone(varia
         assert same_expectation(single, np.stack([part[name] for part in parts]), significance=1e-3)
 
 
+@pytest.mark.slow
 def test_the_layers_of_lamps_recombine_to_a_new_render(variant_rgb):
     _, parts = rendered(scene(layers="lights"))
     dimmed = LAMPS["light"] | area(rgb(12.5, 10, 7.5))

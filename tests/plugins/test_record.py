@@ -73,6 +73,7 @@ def test_a_checkpoint_is_resumed_with_another_limit(variant_rgb):
     assert np.all(np.rint(image[..., -2]).ravel() >= quick.pixels["count"])
 
 
+@pytest.mark.slow
 def test_a_maximum_below_n_is_continued(variant_rgb):
     """The passes keep their N, which such a maximum lowers: they were refused as the samples of another image."""
     begin = None

@@ -71,6 +71,7 @@ def test_a_frozen_function_is_refused(variant_rgb):
     assert "dr.freeze" in "".join(traceback.format_exception(error.value))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shape",
     [

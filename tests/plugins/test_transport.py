@@ -158,6 +158,7 @@ def test_ideal_lobes_under_an_even_sky(variant_rgb, bounces):
     assert (np.abs(mean - [1, 1, 0.5, 0.6]) < 4 * error + 1e-5).all(), (mean, error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bounces, pairs", [(0, GLASSES), (-1, GLASSES), pytest.param(-1, OTHERS, marks=pytest.mark.slow)]
 )

@@ -295,6 +295,12 @@ def test_users_render_that_is_not_called_is_warned_of(variant_rgb, logged):
     steps = progressive(loaded, loaded.sensors()[0], bright, seed=1, spp=1)
     list(steps)
     assert np.array_equal(steps.half_images()[0], mi.render(loaded, integrator=bright, seed=1, spp=1))
+    # Without the film's shape they cannot be stored.
+    for image in (mi.TensorXf(np.ones((3, 3, 3), np.float32)), (1, 2)):
+        bright.render = lambda *_, image=image, **__: image
+        list(progressive(loaded, loaded.sensors()[0], bright))
+        shape = "(3, 3, 3)" if hasattr(image, "shape") else "tuple"
+        assert f"render() of Bright returns {shape}, but the film's image has" in logged[-1][1]
 
 
 class Fisheye(mi.llvm_ad_rgb.Sensor):

@@ -87,6 +87,23 @@ def samples_taken(integrator: mi.Integrator, sensor: mi.Sensor, spp: int, images
     return images * each
 
 
+def with_all_channels(integrator: mi.Integrator, image: Any, film: mi.Film) -> mi.TensorXf:
+    """Returns the ``image`` that ``render()`` has returned, or that of ``film``, which has all channels, where ``aov``
+    returns the first ones. Warns if the class of a user has returned something else.
+    """
+    stored = film.develop()
+    shape = tuple(getattr(image, "shape", ()))
+    if shape == stored.shape:
+        return image
+    if shape[:2] != stored.shape[:2] or not np.array_equal(image, np.array(stored)[..., : shape[-1]], equal_nan=True):
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"render() of {description(integrator).partition('[')[0]} returns {shape or type(image).__name__}, but the "
+            f"film's image has the shape {stored.shape}; the film's image is used.",
+        )
+    return stored
+
+
 class Blocking(Steps):
     """Renders a whole image in one :class:`.Step`, with an integrator that does not render progressively, but with the
     interface of :class:`.Render`.
@@ -115,9 +132,7 @@ class Blocking(Steps):
         for number, seed in enumerate(seeds, 1):
             with denormals_rounded():
                 image = integrator.render(scene, sensor, seed=seed, spp=self._spp)
-                # The film has all channels, of which ``aov`` returns a part. A user's class may return another image.
-                stored = sensor.film().develop()
-                self._images.append(image if getattr(image, "shape", None) == stored.shape else stored)
+                self._images.append(with_all_channels(integrator, image, sensor.film()))
                 dr.sync_thread()
             yield Step(number / len(seeds), number == len(seeds))
 

@@ -11,7 +11,7 @@ distance from the light to VRP (the VIEW's reference point), and r is the radius
 ``radiance``
     E is the radiance of the light. A point has I = pi r^2 E, as if it were a distant sphere (thesis, section 5.2).
 ``unattenuated``
-    E is the irradiance at any distance from the light.
+    E is the irradiance at any distance from the light; it is less near a narrow beam of an AREA light.
 """
 
 import math

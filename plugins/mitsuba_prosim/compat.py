@@ -212,9 +212,9 @@ def shape_number(pointer: mi.ShapePtr) -> int:
 # ---------------------------------------------------------------- class names
 # Only class names distinguish these kinds of objects in Mitsuba 3.9. A test compares the names with the classes.
 
-#: Class names of shapes, a sensor and emitters.
+#: Class names of shapes, sensors and emitters.
 INSTANCE, GROUP, SPHERE, CYLINDER, RECTANGLE = "Instance", "ShapeGroupPlugin", "Sphere", "Cylinder", "Rectangle"
-PERSPECTIVE = "PerspectiveCamera"
+PERSPECTIVE, FLAT_SENSOR = "PerspectiveCamera", "FlatSensor"
 CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 
 #: Class names of a texture that only rays can evaluate, and of the shapes whose points each have their own texture

@@ -67,6 +67,22 @@ def test_derivative_by_a_linear_parameter_is_the_image(variant_rgb, capfd):
     assert backward == pytest.approx(weighted_mean(image).array[0], rel=1e-4)
 
 
+def test_batches_of_pixels_have_their_light_and_its_derivatives(variant_rgb, monkeypatch):
+    """With any numbers of samples, in bands and in parts. Mitsuba's ``RayDataLoader`` expects all of them at once."""
+    monkeypatch.setattr("mitsuba_prosim.engine.derivatives.LANES", 1000)
+    scene = mi.load_dict(penumbra(None, 16, type="prosim", max_level=0, band=100))
+    loader = mi.ad.loaders.RayDataLoader(scene.sensors(), [mi.render(scene, spp=256)], pixels_per_batch=256)
+    target, batch = loader.next()
+    params, scale = mi.traverse(scene), mi.Float(1)
+    dr.enable_grad(scale)
+    params["light.emitter.radiance.value"] = mi.Color3f(25) * scale
+    params.update()
+    image = mi.render(scene, params, sensor=batch)
+    dr.forward(scale)
+    for found in image, dr.grad(image):
+        assert np.corrcoef(np.ravel(found), np.ravel(target))[0, 1] > 0.999 > np.max(target)
+
+
 def test_time_is_refused(variant_rgb):
     scene = mi.load_dict(penumbra(None, 8, type="prosim", max_level=0, time=0.1))
     params = mi.traverse(scene)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import PERSPECTIVE, world_transform
+from ..compat import FLAT_SENSOR, PERSPECTIVE, world_transform
 
 
 def is_perspective(sensor: mi.Sensor) -> bool:
@@ -67,6 +67,25 @@ def ray_sampler(sensor: mi.Sensor) -> Callable[..., tuple[mi.RayDifferential3f, 
         return ray, weight
 
     return sample_ray
+
+
+@contextlib.contextmanager
+def samples_of(sensor: mi.Sensor, x: mi.Int32) -> Iterator[None]:
+    """Inside the ``with`` block, the sensor of Mitsuba's ``RayDataLoader`` takes one sample of each pixel in column
+    ``x`` of its film, which has one row. Other sensors are not changed.
+
+    This sensor knows the pixel of a sample only by its place among the samples of all pixels, of which each has the
+    same number.
+    """
+    if type(sensor).__name__ != FLAT_SENSOR:
+        yield
+        return
+    batch = sensor.pixel_idx
+    sensor.pixel_idx = dr.gather(mi.UInt32, batch, mi.UInt32(x))
+    try:
+        yield
+    finally:
+        sensor.pixel_idx = batch
 
 
 @contextlib.contextmanager

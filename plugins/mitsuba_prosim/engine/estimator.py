@@ -16,7 +16,7 @@ from ..sampling.sobol import Sobol
 from ..sampling.spaces import LENS, PIXEL, TIME_AND_WAVELENGTH
 from ..transport.transport import RadianceEstimator
 from .accumulators import BRIGHTEST, DARKEST, Accumulators
-from .camera import ray_sampler
+from .camera import ray_sampler, samples_of
 from .channels import Channels, aov_values, luminance
 from .plan import Plan
 
@@ -52,7 +52,8 @@ class Estimator:
             time += points(TIME_AND_WAVELENGTH).x * self.sensor.shutter_open_time()
         wavelength = self._wavelength(points) if mi.is_spectral else mi.Float(0.5)
         on_film = (mi.Point2f(mi.Float(x), mi.Float(y)) + position) * self.inverse_size
-        ray, weight = self.rays(time, wavelength, on_film, lens)
+        with samples_of(self.sensor, x):
+            ray, weight = self.rays(time, wavelength, on_film, lens)
         return ray, weight, position
 
     def _wavelength(self, points: NRook | Sobol) -> mi.Float:

@@ -96,7 +96,7 @@ def mesh_positions(shape: mi.Shape) -> np.ndarray | None:
     """Returns the vertices in world coordinates, shape (n, 3), double precision; None if ``shape`` is no mesh."""
     import numpy as np
 
-    parameters = mi.traverse(shape)
+    parameters = exposed(shape)
     name = next((name for name in ("positions", "vertex_positions") if name in parameters), None)
     return None if name is None else np.array(parameters[name], dtype=np.float64).reshape(-1, 3)
 
@@ -158,7 +158,7 @@ def _meshes_in_order(things: Sequence[tuple[Any, mi.Shape | None]]) -> list[Any]
 def _content(shape: mi.Shape) -> list[tuple[str, bytes]]:
     import numpy as np
 
-    values = {name: np.array(getattr(value, "matrix", value)) for name, value in mi.traverse(shape)}
+    values = {name: np.array(getattr(value, "matrix", value)) for name, value in exposed(shape)}
     return sorted((name, value.tobytes()) for name, value in values.items() if value.dtype != object)
 
 
@@ -242,6 +242,16 @@ def is_users(thing: mi.Object) -> bool:
     """Tells whether the class of ``thing`` is a user's: not of Mitsuba, nor derived from a plugin of this package."""
     packages = [base.__module__.partition(".")[0] for base in type(thing).__mro__]
     return packages[0] != "mitsuba" and __package__ not in packages
+
+
+def exposed(thing: mi.Object) -> Any:
+    """Returns ``mi.traverse(thing)``; nothing if the method ``traverse`` of a user's plugin in ``thing`` raises an
+    error, such as by ``put_parameter``, which Mitsuba 3.9 lacks. Mitsuba's integrators never call it.
+    """
+    try:
+        return mi.traverse(thing)
+    except Exception:  # noqa: BLE001 (a user's method may raise anything)
+        return mi.SceneParameters()
 
 
 def description(thing: Any) -> str:
@@ -441,7 +451,7 @@ def linear_part(thing: mi.Object) -> np.ndarray:
     """Returns the transform of a shape or emitter without its translation, shape (3, 3); zeros if it exposes none."""
     import numpy as np
 
-    parameters = mi.traverse(thing)
+    parameters = exposed(thing)
     if (name := to_world_name(parameters)) not in parameters:
         return np.zeros((3, 3))
     matrix = dr.detach(_at(parameters[name], 0.0).matrix)  # read by elements, as a symbolic loop allows

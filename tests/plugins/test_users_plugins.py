@@ -91,6 +91,9 @@ class Glass(mi.llvm_ad_rgb.BSDF):
     def eval_pdf(self, ctx, si, wo, active):
         return 0.0, 0.0
 
+    def traverse(self, callback):
+        callback.put_parameter("eta", 1.33, mi.ParamFlags.NonDifferentiable)  # of Mitsuba 3.0 to 3.6
+
 
 def scene(bsdf, **lamps):
     """A ball with the BSDF, between a floor and ``lamps``, beside a surface that samples all its lobes together."""
@@ -182,6 +185,30 @@ class Lamp(mi.llvm_ad_rgb.Emitter):
     def pdf_direction(self, it, ds, active):
         return dr.select(dr.dot(ds.d, ds.n) < 0, self.get_shape().pdf_direction(it, ds, active), 0)
 
+    def traverse(self, callback):
+        callback.put_parameter("varies", self.varies, mi.ParamFlags.NonDifferentiable)  # of Mitsuba 3.0 to 3.6
+
+
+class Sky(mi.llvm_ad_rgb.Emitter):
+    """Light from all around, of which it samples that from above alone: the rays of a path find the rest."""
+
+    def __init__(self, props):
+        super().__init__(props)
+        self.m_flags = mi.EmitterFlags.Infinite
+
+    def eval(self, si, active):
+        return dr.select(active, mi.Color3f(0.4, 0.3, 0.2) * dr.select(si.wi.y < 0, 1, mi.Float(2)), 0)
+
+    def sample_direction(self, it, sample, active):
+        local, ds = mi.warp.square_to_cosine_hemisphere(sample), dr.zeros(mi.DirectionSample3f)
+        ds.d = mi.Vector3f(local.x, local.z, local.y)
+        ds.dist, ds.n, ds.time, ds.emitter = mi.Float(100), -ds.d, it.time, mi.EmitterPtr(self)
+        ds.p, ds.pdf = it.p + ds.d * ds.dist, self.pdf_direction(it, ds, active)
+        return ds, mi.Color3f(0.4, 0.3, 0.2) / ds.pdf & active
+
+    def pdf_direction(self, it, ds, active):
+        return dr.maximum(ds.d.y, 1e-8) * dr.inv_pi
+
 
 class Point(mi.llvm_ad_rgb.Emitter):
     """A point, with numbers of Python."""
@@ -209,15 +236,17 @@ class Point(mi.llvm_ad_rgb.Emitter):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ours, reference", [(TREE, FIRST), (PATHS, WHOLE)], ids=["tree", "paths"])
-@pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), *slow(("lamp",))])
+@pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), *slow(("lamp",), ("sky",))])
 def test_users_lamps(variant_rgb, lamps, ours, reference):
     """Without ``eval_direction``, with or without other lamps, on a sphere and on a rectangle."""
     mi.register_emitter("users_lamp", Lamp)
     mi.register_emitter("users_point", Point)
+    mi.register_emitter("users_sky", Sky)
     things = {
         "lamp": {"type": "sphere", "center": [0, 4, 2], "radius": 0.7, "emitter": {"type": "users_lamp"}},
         "point": {"type": "users_point"},
         "ball": sphere_lamp([-3, 3, 2], 0.4, 9.0),
+        "sky": {"type": "users_sky"},
     }
     if "ball" in lamps:
         place, emitter = T().translate([0, 4, 1]).rotate([1, 0, 0], 90), {"type": "users_lamp", "varies": True}
@@ -242,10 +271,12 @@ def test_users_lamp_with_a_sampling_weight_of_0_is_not_sampled(variant_rgb, ours
 
 
 @pytest.mark.slow
-def test_photons_of_a_users_lamp(variant_rgb):
+@pytest.mark.parametrize("sky", [False, True])
+def test_photons_of_a_users_lamp(variant_rgb, sky):
     mi.register_emitter("users_lamp", Lamp)
+    mi.register_emitter("users_sky", Sky)
     lamp = {"type": "sphere", "center": [0, 4, 2], "radius": 0.7, "emitter": {"type": "users_lamp"}}
-    lit = scene({"type": "dielectric"}, lamp=lamp)
+    lit = scene({"type": "dielectric"}, lamp=lamp, **({"sky": {"type": "users_sky"}} if sky else {}))
     assert compared(lit, {**PATHS, "caustics": True, "caustic_photons": 100000}, WHOLE)
 
 

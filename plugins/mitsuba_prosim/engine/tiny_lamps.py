@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import MAPS, world_transform
+from ..compat import MAPS, exposed, world_transform
 from ..optics.nested import all_flags, all_shapes, all_within
 from ..transport import lobes
 from .camera import is_perspective
@@ -53,7 +53,7 @@ def samples_for_tiny_lamps(scene: mi.Scene, sensor: mi.Sensor, by_chance: bool =
 
 def bright_part(lamp: mi.Emitter) -> float:
     """Returns which part of the bitmaps of a lamp has most of its light, 0 to 1; 1 without a bitmap."""
-    params, parts = mi.traverse(lamp), [1.0]
+    params, parts = exposed(lamp), [1.0]
     for name in params.keys():  # noqa: SIM118 (a SceneParameters iterates over other things)
         if isinstance(data := params[name], mi.TensorXf):
             texels = np.array(data, np.float64)

@@ -9,7 +9,7 @@ it may lose light, for example on a mesh, where coordinates may be outside the u
 There :class:`EmitterMethods` samples the shape.
 
 An ``envmap`` with ``mis_compensation`` samples only its bright parts, because the rays of a path find the others. So
-half of its samples here are uniform over all directions.
+half of its samples here are uniform over all directions, as are those of such a sky of users.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ Emitter: TypeAlias = "mi.Emitter | mi.EmitterPtr"
 #: Square root of the number of directions in which an ``envmap`` is examined.
 PROBES = 32
 
+#: How many times its mean weight the sample of an infinite emitter may have; more is found too seldom.
+RARE = 100
+
 #: Fraction of light that an emitter with tilted normals must lose to cause a warning.
 MIN_TILT_LOSS = 0.01
 
@@ -42,7 +45,7 @@ def has_points(emitter: mi.Emitter) -> bool:
     shape = emitter.get_shape()
     if shape is None or not has_area(shape):
         return False
-    return all(node.class_name() != compat.MESH_ATTRIBUTE for node in mi.traverse(emitter).hierarchy)
+    return all(node.class_name() != compat.MESH_ATTRIBUTE for node in compat.exposed(emitter).hierarchy)
 
 
 def has_area(shape: mi.Shape) -> bool:
@@ -104,7 +107,7 @@ def tilt_loss(shape: mi.Shape) -> float:
     """
     import numpy as np
 
-    parameters, positions = mi.traverse(shape), compat.mesh_positions(shape)
+    parameters, positions = compat.exposed(shape), compat.mesh_positions(shape)
     if positions is None or "vertex_normals" not in parameters or not len(parameters["vertex_normals"]):
         return 0.0
     faces = np.array(parameters["faces"]).reshape(-1, 3)
@@ -162,11 +165,16 @@ def sample_point(shape: mi.Shape, time: mi.Float, sample: mi.Point2f, active: mi
 
 
 def omits_directions(emitter: mi.Emitter) -> bool:
-    """Tells whether ``emitter`` does not sample all directions in which it shines (``mis_compensation``)."""
-    if emitter.class_name() != compat.ENVMAP:
+    """Tells whether ``emitter``, an ``envmap`` or an infinite one of a user, does not sample all directions in which it
+    shines (``mis_compensation``), or some so seldom that their samples have :data:`RARE` times its mean weight.
+    """
+    infinite = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) and not mi.has_flag(
+        emitter.flags(), mi.EmitterFlags.DeltaDirection
+    )
+    if emitter.class_name() != compat.ENVMAP and not (infinite and compat.is_users(emitter)):
         return False
 
-    def omitted(i: mi.UInt32) -> mi.Bool:
+    def probe(i: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         si, ds = dr.zeros(mi.SurfaceInteraction3f), no_sample(mi.DirectionSample3f)
         row = dr.floor(mi.Float(i) / PROBES)
         point = (mi.Point2f(mi.Float(i) - row * PROBES, row) + 0.5) / PROBES
@@ -174,12 +182,15 @@ def omits_directions(emitter: mi.Emitter) -> bool:
         si.wi = -ds.d
         if mi.is_spectral:
             si.wavelengths += 550
-        shines = dr.max(mi.unpolarized_spectrum(mi.Spectrum(emitter.eval(si, mi.Bool(True))))) > 0
-        return shines & (emitter.pdf_direction(si, ds) == 0)
+        radiance = dr.max(mi.unpolarized_spectrum(mi.Spectrum(emitter.eval(si, mi.Bool(True)))))
+        return radiance, mi.Float(emitter.pdf_direction(si, ds, mi.Bool(True)))
 
     if dr.is_jit_v(mi.Float):
-        return bool(dr.any(omitted(dr.arange(mi.UInt32, PROBES**2))))
-    return any(map(omitted, range(PROBES**2)))
+        radiance, pdf = probe(dr.arange(mi.UInt32, PROBES**2))
+        return bool(dr.any((radiance > 0) & (pdf * (RARE * 4 * dr.pi) * dr.mean(radiance) < radiance)))
+    values = [probe(i) for i in range(PROBES**2)]
+    least = RARE * 4 * dr.pi * sum(radiance for radiance, _ in values) / len(values)
+    return any(radiance > 0 and pdf * least < radiance for radiance, pdf in values)
 
 
 def loses_light(area: mi.Emitter) -> bool:
@@ -188,7 +199,7 @@ def loses_light(area: mi.Emitter) -> bool:
         return True
     if not mi.has_flag(area.flags(), mi.EmitterFlags.SpatiallyVarying):
         return False
-    return not compat.has_unique_uv(area.get_shape()) or compat.samples_elsewhere(mi.traverse(area), "radiance.")
+    return not compat.has_unique_uv(area.get_shape()) or compat.samples_elsewhere(compat.exposed(area), "radiance.")
 
 
 def _is_sampled_by_shape(emitter: mi.Emitter) -> bool:
@@ -276,6 +287,8 @@ class EmitterMethods:
         """Returns a point of the surface of ``emitter`` at time 0."""
 
         def drawn(one: mi.Emitter, sampler: Any, sample: mi.Point2f, active: mi.Bool) -> mi.PositionSample3f:
+            if one.get_shape() is None:
+                return no_sample(mi.PositionSample3f)
             if one.class_name() == compat.AREA or compat.is_users(one):
                 return sample_point(one.get_shape(), 0.0, sample, active)
             return one.sample_position(0.0, sample, active)[0]

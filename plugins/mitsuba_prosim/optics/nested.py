@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import BLEND, INSTANCE, MAPS, MASK, TWO_SIDED
+from ..compat import BLEND, INSTANCE, MAPS, MASK, TWO_SIDED, is_users
 
 #: The BSDF attribute with the reflectance of ambient light.
 AMBIENT = "ambient"
@@ -39,7 +39,11 @@ def parts(thing: mi.Object) -> dict[str, Any]:
     name of an earlier one has a number after this name.
     """
     callback = _callback(mi.variant())()
-    thing.traverse(callback)
+    try:
+        thing.traverse(callback)
+    except Exception:
+        if not is_users(thing):  # a user's method, which ``mi.render`` never calls, may raise anything
+            raise
     return callback.found
 
 

@@ -160,6 +160,23 @@ def test_users_texture_in_materials(variant_rgb):
         mi.load_dict({"type": f"prosim_{name}", parameter: stripes})
 
 
+class Spread(mi.llvm_ad_rgb.Texture):
+    """Light that depends on the direction, as the spread of a lamp does."""
+
+    def eval(self, si, active):
+        return mi.Color3f(0.8, 0.6, 0.4) * si.wi.z
+
+
+def test_users_texture_of_a_lamp_may_depend_on_the_direction(variant_rgb):
+    """Mitsuba's ``area`` samples it with the direction 0, and so is dark."""
+    mi.register_texture("users_spread", Spread)
+    lamp = mi.load_dict(rectangle(T(), emitter={"type": "prosim_area", "radiance": {"type": "users_spread"}}))
+    it = dr.zeros(mi.SurfaceInteraction3f)
+    it.p = mi.Point3f(0.3, 2, 3)
+    ds, weight = lamp.emitter().sample_direction(it, mi.Point2f(0.2, 0.7))
+    assert dr.allclose(weight * ds.pdf, mi.Color3f(0.8, 0.6, 0.4) * -ds.d.z) and weight.x[0] > 0
+
+
 class Lamp(mi.llvm_ad_rgb.Emitter):
     """A surface with a light that depends on the direction, and if it ``varies`` on the place, which its flags do not
     tell.
@@ -230,6 +247,9 @@ class Point(mi.llvm_ad_rgb.Emitter):
     def pdf_direction(self, it, ds, active):
         return 0.0
 
+    def sample_ray(self, time, sample1, sample2, active):
+        """One argument is missing, and nobody has noticed, because Mitsuba's ``path`` does not need rays."""
+
     def bbox(self):
         return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(3, 3, 2))
 
@@ -273,7 +293,13 @@ def test_users_lamp_with_a_sampling_weight_of_0_is_not_sampled(variant_rgb, ours
 @pytest.mark.slow
 @pytest.mark.parametrize("sky", [False, True])
 def test_photons_of_a_users_lamp(variant_rgb, sky):
-    mi.register_emitter("users_lamp", Lamp)
+    """Beside the sky, the lamp has a method that lacks an argument."""
+
+    class Wrong(Lamp):
+        def eval_direction(self, it, ds):
+            return mi.Color3f(1)
+
+    mi.register_emitter("users_lamp", Wrong if sky else Lamp)
     mi.register_emitter("users_sky", Sky)
     lamp = {"type": "sphere", "center": [0, 4, 2], "radius": 0.7, "emitter": {"type": "users_lamp"}}
     lit = scene({"type": "dielectric"}, lamp=lamp, **({"sky": {"type": "users_sky"}} if sky else {}))

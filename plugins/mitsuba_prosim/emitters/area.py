@@ -154,6 +154,7 @@ class Area(Source):
 
     def eval_direction(self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool = True) -> mi.Spectrum:
         si = mi.SurfaceInteraction3f(ds, it.wavelengths)
+        si.wi = si.to_local(-ds.d)  # a texture in Python may depend on the direction
         return self.emitted(si, -ds.d, it.p, active & (dr.dot(ds.d, ds.n) < 0))
 
     def sample_direction(

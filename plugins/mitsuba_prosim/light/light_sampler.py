@@ -216,7 +216,7 @@ def emitted_ray(scene: mi.Scene, emitter: Any, key: Any) -> tuple[mi.Float, mi.P
     def sample(one: mi.Emitter, *u: mi.Float) -> tuple[mi.Float, mi.Point3f, mi.Vector3f]:
         try:
             ray, weight = one.sample_ray(mi.Float(0), u[0], mi.Point2f(*u[1:3]), mi.Point2f(*u[3:5]), mi.Bool(True))
-        except RuntimeError:  # Dr.Jit calls all emitters of the process, also those of other scenes
+        except Exception:  # noqa: BLE001 (a user's may raise any error; Dr.Jit calls all emitters of the process)
             return mi.Float(0), mi.Point3f(dr.nan), mi.Vector3f(0)
         return brightness(mi.Spectrum(weight)), ray.o, ray.d
 

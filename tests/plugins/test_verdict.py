@@ -10,6 +10,7 @@ import pytest
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
 from mitsuba_prosim.explaining.verdict import denoised_words, verdict
+from mitsuba_prosim.photons.caustics import Caustics
 from mitsuba_prosim.scene.black import reason
 from scenes import T, area, camera, diffuse, film, rectangle, rgb
 
@@ -147,6 +148,17 @@ def test_pixel_without_neighbours_has_a_verdict(variant_rgb):
     made = scene(PATHS, vase=ball(GLASS), **bulb())
     made["sensor"]["film"] |= {"width": 1, "height": 1}
     assert "has half of the error" in mitsuba_prosim.render(mi.load_dict(made), noise=0.5, progress=False).verdict
+
+
+def test_cause_takes_the_photons_of_one_pass(variant_rgb, monkeypatch):
+    """A pass has a million photons by default: 64 passes took a minute after a render of three seconds."""
+    passes, use = [], Caustics.use_pass
+    monkeypatch.setattr(Caustics, "use_pass", lambda self, *which: passes.append(which) or use(self, *which))
+    integrator = PATHS | {"caustics": True, "caustic_photons": 5000, "samples": 2}
+    made = mi.load_dict(scene(integrator, glass=ball(GLASS), **bulb()))
+    render = made.integrator().progressive(made).run()
+    passes.clear()
+    assert "what would help" in verdict(render, integrator=made.integrator()) and len(passes) == 1
 
 
 @pytest.mark.slow

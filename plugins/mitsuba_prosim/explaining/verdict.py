@@ -163,9 +163,11 @@ def why_noisy(render: Render, x: int, y: int, error: np.ndarray, integrator: Any
     from .explanation import Samples, places
 
     samples, seed, estimator = int(render.counts()[y, x]), int(render.state.plan.seed[0]), render.state.estimator
-    names = None if file is None else places(file)
+    names, caustics = None if file is None else places(file), estimator.transport.caustics
+    # The photons of one pass take about as long as those of the image.
+    further = FURTHER if caustics is None else caustics.maps(FURTHER)
     try:
-        found = Samples(estimator.scene, (x, y), FURTHER, estimator.sensor, integrator, seed, names)
+        found = Samples(estimator.scene, (x, y), further, estimator.sensor, integrator, seed, names)
     except ValueError:
         return None
     deviations = np.square(found.luminance - found.luminance.mean())

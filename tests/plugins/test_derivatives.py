@@ -17,10 +17,8 @@ def weighted_mean(image):
     return dr.mean(image * mi.TensorXf(weights), axis=None)
 
 
-def derivatives(scene, change, seed=1, spp=16):
-    """``(forward, backward)``: the derivative of each value of the image, and that of their weighted mean, by the
-    ``mi.Float`` that ``change(params, e)`` puts into the scene.
-    """
+def image_of(scene, change, seed, spp):
+    """A function of a ``mi.Float``: the image of the scene into which ``change(params, e)`` puts it."""
     params = mi.traverse(scene)
 
     def image(e):
@@ -28,14 +26,24 @@ def derivatives(scene, change, seed=1, spp=16):
         params.update()
         return mi.render(scene, params, seed=seed, seed_grad=seed + 1, spp=spp, spp_grad=spp)
 
-    def loss(e):
-        return weighted_mean(image(e))
+    return image
 
+
+def forward_derivative(scene, change, seed=1, spp=16):
+    """The derivative of each value of the image by the ``mi.Float`` of :func:`image_of`, in forward mode."""
     e = mi.Float(0)
     dr.enable_grad(e)
-    found = image(e)
+    found = image_of(scene, change, seed, spp)(e)
     dr.forward(e)
-    return np.array(dr.grad(found)), derivative(loss)
+    return np.array(dr.grad(found))
+
+
+def derivatives(scene, change, seed=1, spp=16):
+    """``(forward, backward)``: :func:`forward_derivative`, and the derivative of the image's weighted mean in reverse
+    mode.
+    """
+    image = image_of(scene, change, seed, spp)
+    return forward_derivative(scene, change, seed, spp), derivative(lambda e: weighted_mean(image(e)))
 
 
 # ------------------------------------------------------------------ of which samples
@@ -274,9 +282,9 @@ def test_a_stretched_mesh_has_the_derivatives_of_a_rectangle(variant_rgb):
 
     scene = spot("mesh", "plastic", **PATH)
     value = mi.Float(mi.traverse(scene)["lamp.vertex_positions"])
-    stretched, _ = derivatives(scene, stretch)
+    stretched = forward_derivative(scene, stretch)
     scene = spot("rectangle", "plastic", **PATH)
-    rectangle, _ = derivatives(scene, change_of(scene, "lamp grows"), seed=7)
+    rectangle = forward_derivative(scene, change_of(scene, "lamp grows"), seed=7)
     error = np.hypot(stretched.mean(axis=2).std(), rectangle.mean(axis=2).std()) / 32
     assert abs(stretched.mean() - rectangle.mean()) < 4 * error
 

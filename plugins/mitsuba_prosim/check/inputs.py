@@ -1,6 +1,6 @@
 """Random inputs of tests, and what a plugin returns as arrays."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import drjit as dr
@@ -33,10 +33,17 @@ def rows(value: Any, n: int | None = None, whole: bool = False) -> np.ndarray:
     return array if n is None else np.broadcast_to(array, (array.shape[0], n))
 
 
+def rows_of(values: Iterable[Any], n: int | None = None) -> list[np.ndarray]:
+    """Returns the :func:`rows` of several values, which one kernel computes: compiling takes most of a test's time."""
+    values = tuple(values)
+    dr.eval(values)
+    return [rows(value, n) for value in values]
+
+
 def slopes(f: Callable[[Any], Any], x: np.ndarray, h: float) -> list[np.ndarray]:
     """Returns the differences of ``f`` by both coordinates of the places ``x``, shape (2, n)."""
     ends = [[mi.Point2f((x + side * h * axis[:, None]).astype(np.float32)) for side in (1, -1)] for axis in np.eye(2)]
-    return [(rows(f(b)) - rows(f(a))) / (2 * h) for b, a in ends]
+    return [np.subtract(*rows_of(map(f, pair))) / (2 * h) for pair in ends]
 
 
 def described(where: str | Mapping[str, Any], i: int = 0) -> str:

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .inputs import described, rows
+from .inputs import described, rows, rows_of
 
 #: Samples, cells per side, and points per side of a cell, of a chi-squared test.
 SAMPLES, CELLS, POINTS = 2**18, 51, (6, 24)
@@ -102,7 +102,7 @@ class Report:
         0.5 % of the columns may differ, because a few inputs lie where single precision is coarse.
         """
         on = np.atleast_2d(limits.pop("on", True)).all(axis=0)
-        values, expected, on = np.broadcast_arrays(rows(values), rows(expected), on)
+        values, expected, on = np.broadcast_arrays(*rows_of((values, expected)), on)
         if not (on := on[0]).any():
             return
         larger = np.maximum(np.abs(values), np.abs(expected))

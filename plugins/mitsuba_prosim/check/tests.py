@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..scene import session
-from .inputs import octant, rows, to_drjit
+from .inputs import octant, rows, rows_of, to_drjit
 from .report import SKIPPED, Report
 from .subject import REFUSED, Subject
 
@@ -90,6 +90,7 @@ class Tests:
 
     def samples(self, weight: Any, pdf: Any, value: Any, stated: Any, where: Any = "", on: Any = True) -> None:
         """Weights and densities of samples are those of ``value`` and the ``stated`` density."""
+        dr.eval(weight, pdf, value, stated)
         sent, value = rows(weight, whole=True) * rows(pdf), rows(value, whole=True)
         self.report.equal("weight of a sample = eval() / pdf()", sent, value, where, on=on)
         self.report.equal("pdf of a sample = pdf()", pdf, stated, where, on=on)
@@ -111,7 +112,7 @@ class Tests:
             lanes = values.reshape(4, INPUTS, GROUPS).swapaxes(0, 1).reshape(INPUTS, -1)
             return np.array([np.array(mi.spectrum_list_to_srgb(spectrum, lane, False, not light)) for lane in lanes]).T
 
-        return {name: colours(rows(value, INPUTS * groups)) for name, value in found.items()}
+        return dict(zip(found, map(colours, rows_of(found.values(), INPUTS * groups))))
 
     def loaded(self, **changes: Any) -> Values:
         """The values of the plugin with other parameters; no values if it refuses them."""
@@ -184,8 +185,9 @@ class Tests:
                 return {name: mi.unpolarized_spectrum(found[name]) for name in smooth if name in found}  # noqa: B023
 
             def difference(h: float) -> Values:
-                more, less = changed(h), changed(-h)
-                return {name: rows((more[name] - less[name]) / (2 * h), DERIVATIVES) for name in more}
+                step = dr.opaque(mi.Float, h)  # a number would be a part of the kernel
+                more, less = changed(step), changed(-step)
+                return dict(zip(more, rows_of(((more[name] - less[name]) / (2 * step) for name in more), DERIVATIVES)))
 
             h, offset = 0.01 * float(size.max()), mi.Float(0)
             wide, near, nearest = (difference(h / parts) for parts in (1, 2, 16))

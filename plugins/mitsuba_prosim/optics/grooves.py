@@ -84,6 +84,8 @@ def reflect_again(
     send light, the density is infinite; the returned density is large.
     """
     wi, wo = directions
+    # One value for each direction, so that the derivatives by a constant roughness are summed once, not for each term.
+    roughness = roughness + dr.zeros(mi.Float, dr.width(wi, wo))
     x, y = wi.x + wo.x, wi.y + wo.y
     across = across_edge(x, y)
     x_i, x_o = dr.dot(wi, across), dr.dot(wo, across)

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import directions, interaction, lit, rows, surface, uniform
+from ..inputs import directions, interaction, lit, rows, rows_of, surface, uniform
 from ..report import NOTE
 from ..tests import GROUPS, Tests, motion
 
@@ -51,6 +51,7 @@ class Lamp:
     def aimed(self, it: Any, n: int, seed: int) -> tuple[Any, np.ndarray, np.ndarray]:
         """Sampled directions: the sample, its direction (3, n) and its weight (channels, n)."""
         ds, weight = self.emitter.sample_direction(it, mi.Point2f(uniform(n, 2, seed)))
+        dr.eval(ds, weight)
         return ds, rows(ds.d, n), rows(weight, n)
 
     def seen(self, it: Any, d: Any) -> tuple[Any, Any, Any]:
@@ -112,6 +113,7 @@ class Emitter(Tests):
         equal("pdf of a sample = pdf_direction()", 0 if lamp.ideal else pdf, stated, where, on=found)
         if not lamp.ideal:
             si, hit, _ = lamp.seen(it, ds.d)
+            dr.eval(si, hit)
             distance, met = rows(ds.dist, INPUTS)[0], rows(si.t, INPUTS)[0]
             near = lamp.infinite | (np.abs(met - distance) < 1e-2 * distance)
             on = found & rows(hit)[0].astype(bool) & near
@@ -167,13 +169,14 @@ class Emitter(Tests):
             return  # no receiver finds it by sampling
         u = uniform(SAMPLES, 5, 31)
         ray, sent = lamp.emitter.sample_ray(0.0, mi.Float(u[0]), mi.Point2f(u[1:3]), mi.Point2f(u[3:]))
-        if not rows(sent).any():
+        o, d, sent = rows_of((ray.o, ray.d, sent), SAMPLES)
+        if not sent.any():
             raise NotImplementedError("sample_ray() sends no light")
-        o, d = rows(ray.o, SAMPLES) - lamp.centre[:, None], rows(ray.d, SAMPLES)
+        o = o - lamp.centre[:, None]
         along = (o * d).sum(axis=0)
         root = along**2 - (o * o).sum(axis=0) + lamp.radius**2
         t = -along + (-1 if lamp.infinite else 1) * np.sqrt(np.maximum(root, 0))
-        sent = np.where((root > 0) & (t > 0), rows(sent, SAMPLES), 0)
+        sent = np.where((root > 0) & (t > 0), sent, 0)
         n = rows(mi.warp.square_to_uniform_sphere(mi.Point2f(uniform(SAMPLES, 2, 32))))
         p = mi.Point3f((lamp.centre[:, None] + lamp.radius * n).astype(np.float32))
         _, to_light, weight = lamp.aimed(point(p), SAMPLES, 33)

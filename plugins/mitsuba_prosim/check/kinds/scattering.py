@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..inputs import contexts, directions, interaction, lit, rows, surface, uniform
+from ..inputs import contexts, directions, interaction, lit, rows, rows_of, surface, uniform
 from ..report import FAILS, NOTE
 from ..tests import Tests
 
@@ -36,12 +36,13 @@ class Queries:
         self.si, self.u1, self.u2 = surface(self.wi, self.uv), mi.Float(u[2]), mi.Point2f(u[3:5])
         bs, weight = bsdf.sample(self.ctx, self.si, self.u1, self.u2)
         self.sent = weight
-        self.weight, self.pdf, self.wo, self.eta = (rows(v, n) for v in (weight, bs.pdf, bs.wo, bs.eta))
-        self.type, self.lobe = (rows(v, n)[0].astype(int) for v in (bs.sampled_type, bs.sampled_component))
+        sampled = weight, bs.pdf, bs.wo, bs.eta, bs.sampled_type, bs.sampled_component
+        self.weight, self.pdf, self.wo, self.eta, *kinds = rows_of(sampled, n)
+        self.type, self.lobe = (v[0].astype(int) for v in kinds)
         self.valid = (self.pdf[0] > 0) & (self.weight > 0).any(axis=0)
         self.smooth = self.valid & ~self.has(mi.BSDFFlags.Delta)
         self.out = np.where(self.smooth & (u[5] < 0.5) & ~extreme, self.wo, other).astype(np.float32)
-        self.value, self.density = (rows(v, n) for v in bsdf.eval_pdf(self.ctx, self.si, mi.Vector3f(self.out)))
+        self.value, self.density = rows_of(bsdf.eval_pdf(self.ctx, self.si, mi.Vector3f(self.out)), n)
         self.where, self.sampled = {"wi": self.wi, "wo": self.out}, {"wi": self.wi, "wo": self.wo}
 
     def has(self, flag: Any) -> np.ndarray:
@@ -103,19 +104,23 @@ class BSDF(Tests):
             q = Queries(bsdf, ctx)
             drawn, wo = mi.Vector3f(q.wo), mi.Vector3f(q.out)
             where, sampled = ({name.rstrip(", "): (), **one} for one in (q.where, q.sampled))
-            self.samples(q.sent, q.pdf, bsdf.eval(ctx, q.si, drawn), bsdf.pdf(ctx, q.si, drawn), sampled, on=q.smooth)
+            values = [f(ctx, q.si, one) for one in (drawn, wo) for f in (bsdf.eval, bsdf.pdf)]
+            dark = bsdf.eval(none, q.si, wo), bsdf.eval(ctx, q.si, wo, mi.Bool(False))
+            dr.eval(values, dark)  # in one kernel
+            self.samples(q.sent, q.pdf, values[0], values[1], sampled, on=q.smooth)
             right = q.has(kinds) & ~q.has(kinds & ~flags)
             self.report.require("sampled_type is a lobe of flags()", right, sampled, on=q.valid)
-            value, pdf, bs, weight = bsdf.eval_pdf_sample(ctx, q.si, wo, q.u1, q.u2)
+            value, pdf, bs, weight = found = bsdf.eval_pdf_sample(ctx, q.si, wo, q.u1, q.u2)
+            dr.eval(found)
             for test, a, b in (
-                ("eval_pdf() = eval(), pdf()", q.value, bsdf.eval(ctx, q.si, wo)),
-                ("eval_pdf() = eval(), pdf()", q.density, bsdf.pdf(ctx, q.si, wo)),
+                ("eval_pdf() = eval(), pdf()", q.value, values[2]),
+                ("eval_pdf() = eval(), pdf()", q.density, values[3]),
                 ("eval_pdf_sample() = eval(), pdf()", value, q.value),
                 ("eval_pdf_sample() = eval(), pdf()", pdf, q.density),
                 ("eval_pdf_sample() = sample()", weight, q.weight),
                 ("eval_pdf_sample() = sample()", bs.pdf, q.pdf),
-                ("eval() is 0 if the context has no type", bsdf.eval(none, q.si, wo), 0),
-                ("eval() is 0 in inactive lanes", bsdf.eval(ctx, q.si, wo, mi.Bool(False)), 0),
+                ("eval() is 0 if the context has no type", dark[0], 0),
+                ("eval() is 0 in inactive lanes", dark[1], 0),
             ):
                 self.report.equal(test, a, b, where)
 
@@ -192,8 +197,8 @@ class BSDF(Tests):
             for _, ctx, _ in contexts(bsdf, mi.BSDFContext):
                 ctx.mode = mi.TransportMode.Importance
                 found.append(bsdf.sample(ctx, at(SAMPLES), mi.Float(u[0]), mi.Point2f(u[1:])))
-            weight, *parts = (rows(one, SAMPLES) for _, one in found)
-            pdf, kind = (rows(v, SAMPLES) for v in (found[0][0].pdf, found[0][0].sampled_type))
+            whole, _ = found[0]
+            pdf, kind, weight, *parts = rows_of((whole.pdf, whole.sampled_type, *(w for _, w in found)), SAMPLES)
             brightest = weight[np.argmax(weight.mean(axis=1))]
             self.report.mean("albedo at most 1", brightest, 0, 1.002, angle)
             if parts:
@@ -259,8 +264,8 @@ class Medium(Tests):
         """Coefficients are not negative; scattering is part of the extinction; null collisions fill the majorant."""
         mei = crossing(medium, mi.Float(uniform(INPUTS, 1, 3)[0]))
         found = rows(mei.is_valid(), INPUTS)[0].astype(bool)
-        scattering, null, extinction = (rows(v, INPUTS) for v in medium.get_scattering_coefficients(mei))
-        majorant = rows(medium.get_majorant(mei), INPUTS)
+        coefficients = *medium.get_scattering_coefficients(mei), medium.get_majorant(mei)
+        scattering, null, extinction, majorant = rows_of(coefficients, INPUTS)
         least = np.minimum(np.minimum(scattering, null), extinction)
         self.report.require("coefficients are not negative", least >= -1e-4 * majorant, on=found)
         self.report.require("sigma_s is at most sigma_t", scattering <= extinction * 1.001 + 1e-6, on=found)
@@ -318,6 +323,7 @@ class PhaseFunction(Tests):
         u, wi = uniform(INPUTS, 3, 2), directions(INPUTS, 3)
         for _, ctx, _ in contexts(phase, mi.PhaseFunctionContext):
             wo, weight, pdf = self.draw(phase, ctx, seen(wi), mi.Vector3f(u))
+            dr.eval(wo, weight, pdf)
             where = angle(wi, rows(wo, INPUTS))
             self.report.finite("weight", weight, where)
             self.report.unit("sampled directions", wo, where)
@@ -350,7 +356,7 @@ class PhaseFunction(Tests):
         wi, wo = directions(INPUTS, 6), directions(INPUTS, 7)
         turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]], dtype=np.float32)
         pairs = (wi, wo), (wo, wi), (turn @ wi, turn @ wo)
-        there, back, turned = (rows(phase.eval_pdf(ctx, seen(a), mi.Vector3f(b))[0]) for a, b in pairs)
+        there, back, turned = rows_of(phase.eval_pdf(ctx, seen(a), mi.Vector3f(b))[0] for a, b in pairs)
         if phase.flags() & int(flag.Microflake):
             there, back = (v * rows(phase.projected_area(seen(one))) for v, one in ((there, wi), (back, wo)))
             right = rows(phase.projected_area(seen(wi))) <= rows(phase.max_projected_area()).max() * 1.001

@@ -307,11 +307,14 @@ def test_photons_of_a_users_lamp(variant_rgb, sky):
 
 
 class Depth(mi.llvm_ad_rgb.SamplingIntegrator):
-    """The distance of the first surface; as many of users, without ``to_string``."""
+    """The distance of the first surface, and a number of Python; as many of users, without ``to_string``."""
+
+    def aov_names(self):
+        return ["one"]
 
     def sample(self, scene, sampler, ray, medium, active):
         si = scene.ray_intersect(ray, active)
-        return dr.select(si.is_valid(), si.t, 0.0), si.is_valid(), []
+        return dr.select(si.is_valid(), si.t, 0.0), si.is_valid(), [1]
 
 
 @pytest.mark.slow

@@ -111,7 +111,7 @@ class InnerIntegrator:
         sampler = points.sampler if isinstance(points, SamplerPoints) else sampler_of(points)
         if not dr.is_jit_v(mi.Float) or not isinstance(self.integrator, mi.CppADIntegrator):
             L, hit, aovs = self.integrator.sample(self.scene, sampler, ray, self.medium, active)
-            return L, dr.select(hit, mi.Float(1), 0), list(aovs)
+            return L, dr.select(hit, mi.Float(1), 0), [mi.Float(v) for v in aovs]  # a user's may be numbers of Python
         # Mitsuba's integrators for derivatives, such as prb, have another signature of ``sample``.
         rest = {"depth": mi.UInt32(0), "δL": None, "δaovs": None, "state_in": None, "active": mi.Bool(active)}
         L, hit, aovs, _ = self.integrator.sample(dr.ADMode.Primal, self.scene, sampler, ray, **rest)

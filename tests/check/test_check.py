@@ -90,6 +90,18 @@ def test_check_accepts_wrapper_without_a_change(kind):
 
 
 @pytest.mark.slow
+def test_users_bsdf_that_ignores_types_and_masks_is_right():
+    """Images are right, because Mitsuba's integrators ask for all types, and Dr.Jit masks results."""
+
+    def value(_, si, wo):
+        return dr.select((si.wi.z > 0) & (wo.z > 0), mi.Spectrum(0.5 * dr.inv_pi) * wo.z, 0)
+
+    mi.register_bsdf("careless", mutants.wrapper("bsdf", "diffuse", mutants.eval_(value)))
+    report = check.check("careless")
+    assert report.ok and "note" in {result.verdict for result in report.results}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", STOCK.split() + OURS, ids=str)
 def test_check_accepts_plugin(plugin):
     check.check(plugin).raise_if_wrong()

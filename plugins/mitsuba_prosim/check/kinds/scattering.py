@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from ...compat import is_users
 from ..inputs import contexts, directions, interaction, lit, rows, rows_of, surface, uniform
 from ..report import FAILS, NOTE
 from ..tests import Tests
@@ -122,7 +123,9 @@ class BSDF(Tests):
                 ("eval() is 0 if the context has no type", dark[0], 0),
                 ("eval() is 0 in inactive lanes", dark[1], 0),
             ):
-                self.report.equal(test, a, b, where)
+                # Mitsuba's integrators ask for all types, and Dr.Jit masks all results.
+                harmless = test.startswith("eval() is 0") and is_users(bsdf)
+                self.report.equal(test, a, b, where, worst=NOTE if harmless else FAILS)
 
     everywhere = test_weights
 

@@ -91,12 +91,17 @@ def test_check_accepts_wrapper_without_a_change(kind):
 
 @pytest.mark.slow
 def test_users_bsdf_that_ignores_types_and_masks_is_right():
-    """Images are right, because Mitsuba's integrators ask for all types, and Dr.Jit masks results."""
+    """Images are right: Mitsuba's integrators ask for all types, Dr.Jit masks results, and arguments are copies."""
 
     def value(_, si, wo):
         return dr.select((si.wi.z > 0) & (wo.z > 0), mi.Spectrum(0.5 * dr.inv_pi) * wo.z, 0)
 
-    mi.register_bsdf("careless", mutants.wrapper("bsdf", "diffuse", mutants.eval_(value)))
+    def turned(density, wo, _):
+        wo *= -1
+        return density
+
+    careless = mutants.eval_(value) | mutants.pdf(turned)
+    mi.register_bsdf("careless", mutants.wrapper("bsdf", "diffuse", careless))
     report = check.check("careless")
     assert report.ok and "note" in {result.verdict for result in report.results}
 

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 from prosim_scene import TemporaryFolder
 
-from ..compat import children, instantiate
+from ..compat import children, instantiate, is_users
 from ..scene import scene_file, session
 
 #: The kinds of plugins that have tests: name of Mitsuba's class -> name.
@@ -134,6 +134,22 @@ class Subject:
             if node.type.name in KINDS and key not in seen:
                 seen.add(key)
                 yield number
+
+
+class OnCopies:
+    """A plugin in Python whose methods get copies of their arguments, as from Mitsuba: they may change them."""
+
+    def __init__(self, plugin: Any) -> None:
+        self._plugin = plugin
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._plugin, name)
+        return (lambda *args: found(*dr.copy(args))) if callable(found) else found
+
+
+def on_copies(plugin: Any) -> Any:
+    """Returns ``plugin``; a user's as :class:`OnCopies`."""
+    return OnCopies(plugin) if is_users(plugin) else plugin
 
 
 def import_module(name: str) -> Any:

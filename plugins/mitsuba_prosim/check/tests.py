@@ -14,7 +14,7 @@ import numpy as np
 from ..scene import session
 from .inputs import octant, rows, rows_of, to_drjit
 from .report import SKIPPED, Report
-from .subject import REFUSED, Subject
+from .subject import REFUSED, Subject, on_copies
 
 #: Number of inputs, of groups of four wavelengths for each input, and of inputs of derivatives.
 INPUTS, GROUPS, DERIVATIVES = 48, 32, 512
@@ -50,7 +50,7 @@ class Tests:
 
     def prepared(self, loaded: Any) -> Any:
         """The plugin, in a scene if its kind needs one."""
-        return loaded
+        return on_copies(loaded) if hasattr(self, "values") and not isinstance(loaded, mi.Sensor) else loaded
 
     def cases(self) -> Iterator[Any]:
         """What each test gets in turn."""

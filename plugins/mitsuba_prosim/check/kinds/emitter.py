@@ -11,6 +11,7 @@ import numpy as np
 
 from ..inputs import directions, interaction, lit, rows, rows_of, surface, uniform
 from ..report import NOTE
+from ..subject import on_copies
 from ..tests import GROUPS, Tests, motion
 
 #: Number of inputs without statistics, and of samples with them.
@@ -35,7 +36,7 @@ class Lamp:
         carrier = {"type": name, "to_world": turn.scale(SHAPES.get(name, 1)), "emitter": emitter}
         target = {"target": {"type": "sphere"}} if self.infinite else {}
         self.scene = mi.load_dict({"type": "scene", "lamp": carrier if self.on_shape else emitter, **target})
-        self.emitter = (self.scene.emitters() or [self.scene.environment()])[0]
+        self.emitter = on_copies((self.scene.emitters() or [self.scene.environment()])[0])
         self.centre, self.radius = np.zeros(3), 0.5
         if not self.infinite:
             box = self.scene.bbox() if self.on_shape else self.emitter.bbox()

@@ -91,7 +91,9 @@ def test_check_accepts_wrapper_without_a_change(kind):
 
 @pytest.mark.slow
 def test_users_bsdf_that_ignores_types_and_masks_is_right():
-    """Images are right: Mitsuba's integrators ask for all types, Dr.Jit masks results, and arguments are copies."""
+    """Images are right: Mitsuba's integrators ask for all types, Dr.Jit masks results, and arguments are copies. An
+    exposed number of Python, which Mitsuba cannot set, matters to nobody else.
+    """
 
     def value(_, si, wo):
         return dr.select((si.wi.z > 0) & (wo.z > 0), mi.Spectrum(0.5 * dr.inv_pi) * wo.z, 0)
@@ -100,8 +102,15 @@ def test_users_bsdf_that_ignores_types_and_masks_is_right():
         wo *= -1
         return density
 
-    careless = mutants.eval_(value) | mutants.pdf(turned)
-    mi.register_bsdf("careless", mutants.wrapper("bsdf", "diffuse", careless))
+    class Careless(mutants.wrapper("bsdf", "diffuse", mutants.eval_(value) | mutants.pdf(turned))):
+        def __init__(self, props):
+            super().__init__(props)
+            self.gloss = props.get("gloss", 0.5)
+
+        def traverse(self, callback):
+            callback.put("gloss", self.gloss, mi.ParamFlags.NonDifferentiable)
+
+    mi.register_bsdf("careless", Careless)
     report = check.check("careless")
     assert report.ok and "note" in {result.verdict for result in report.results}
 

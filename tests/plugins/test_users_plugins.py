@@ -29,6 +29,9 @@ def two_lobes(typed, ideal):
             self.m_components = [kind | front for kind in kinds]
             self.m_flags = kinds[0] | kinds[1] | front
 
+        def traverse(self, callback):
+            callback.put("itself", self, mi.ParamFlags.NonDifferentiable)
+
         def sample(self, ctx, si, sample1, sample2, active):
             mirrored, specular, bs = mi.reflect(si.wi), sample1 < 0.5, dr.zeros(mi.BSDFSample3f)
             cos, phi = (1 - sample2.y) ** (1 / (EXPONENT + 1)), dr.two_pi * sample2.x

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -47,12 +46,12 @@ def parts(thing: mi.Object) -> dict[str, Any]:
     return callback.found
 
 
-def all_within(bsdf: mi.BSDF) -> Iterator[mi.BSDF]:
-    """Yields ``bsdf`` and all BSDFs that are nested in ``bsdf``, at any depth."""
-    yield bsdf
-    for part in parts(bsdf).values():
-        if isinstance(part, mi.BSDF):
-            yield from all_within(part)
+def all_within(bsdf: mi.BSDF) -> list[mi.BSDF]:
+    """Returns ``bsdf`` and all BSDFs nested in it, at any depth, each once: a user's may expose itself."""
+    found = [bsdf]
+    for one in found:
+        found += [p for p in parts(one).values() if isinstance(p, mi.BSDF) and p not in found]
+    return found
 
 
 def all_shapes(scene: mi.Scene) -> list[mi.Shape]:

@@ -296,6 +296,16 @@ def test_explanation_refuses_wrong_arguments(variant_rgb, kind, arguments, messa
         mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE, type=kind)), **{"pixel": (0, 0), "spp": 8} | arguments)
 
 
+def test_explanation_refuses_integrators_of_users(variant_rgb):
+    """Also those with a depth, such as the radiance field of Mitsuba's tutorials, whose light is another."""
+
+    class Field(mi.ad.integrators.common.RBIntegrator):
+        pass
+
+    with pytest.raises(ValueError, match="the integrator Field has no samples"):
+        mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE)), (0, 0), integrator=Field(mi.Properties()))
+
+
 def test_explanation_refuses_scalar_variants(variant_scalar):
     with pytest.raises(RuntimeError, match="scalar"):
         mitsuba_prosim.explain(mi.load_dict(penumbra(None, SIZE)), (0, 0))

@@ -19,7 +19,7 @@ import numpy as np
 
 from .. import atomic
 from ..alone import alone
-from ..compat import PLACE, denormals_rounded, description, dr_array
+from ..compat import PLACE, denormals_rounded, description, dr_array, is_users
 from ..engine.camera import coarse_film, without_crop_window
 from ..engine.estimator import Estimator
 from ..engine.plan import Plan
@@ -291,7 +291,7 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
         return integrator
     kind, _, parameters = description(integrator).partition("[")  # class_name() is not that of a class in Python
     known = kind == "DirectIntegrator" or re.match(r"\s*max_depth = ", parameters)
-    if not (isinstance(integrator, mi.SamplingIntegrator) and known):
+    if not (isinstance(integrator, mi.SamplingIntegrator) and known) or is_users(integrator):
         raise ValueError(f"the integrator {kind} has no samples of pixels that can be explained; give prosim or path")
     level = depth_limit(integrator)[1]
     found = "the same light, except light that media scatter," if "Vol" in kind else "the same light"

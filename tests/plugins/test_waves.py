@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings
 from mitsuba_prosim.compat import take_back_interrupts
-from mitsuba_prosim.engine.error_target import ErrorTarget
+from mitsuba_prosim.engine.error_target import ErrorTarget, next_counts
 from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import bright_part, samples_for_tiny_lamps
 from mitsuba_prosim.engine.work import Executor
@@ -324,6 +324,18 @@ def test_the_second_image_shows_where_samples_are_needed(variant_rgb):
     render.state.accumulators.squares = mi.Float64(squares)
     around = np.s_[y - 2 : y + 3, x - 2 : x + 3]
     assert np.sum(render.state.request().reshape(64, 64)[around] > 100 * before[around]) == 24  # all pixels around
+
+
+def test_a_render_goes_on_while_only_the_second_image_has_met_light(variant_rgb):
+    """Without variance, the first image tells nothing of the samples that the error needs."""
+    render = begun(mi.load_dict(penumbra(size=16, type="prosim", noise=0.01)))
+    state, sums = render.state, render.state.accumulators
+    for name in ("total", "squares"):
+        values = np.array(getattr(sums, name))
+        values[state.own] = 0
+        setattr(sums, name, mi.Float64(values))
+    wanted = next_counts(state, render.target, 0, 0)
+    assert 1.2 < np.mean(wanted) / np.mean(state.count) <= 4
 
 
 @pytest.mark.parametrize(

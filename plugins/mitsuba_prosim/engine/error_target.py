@@ -147,8 +147,9 @@ def counts_for_ratio(state: Image, ratio: float | None, most: float = np.inf) ->
     left, _, right, _ = state.outer
     fewest = 1 if caustics is not None else 1 + count.size // SOME
     step = next(step for step in itertools.count(fewest) if math.gcd(step, right - left) == 1)
-    # The mean variance of the pixels' means at which the samples suffice.
-    goal = None if ratio is None else mean(variances[::step] / np.float32(count[::step])) / ratio
+    # The mean variance of the pixels' means at which the samples suffice; unknown if only the second image met light.
+    now = 0.0 if ratio is None else mean(variances[::step] / np.float32(count[::step]))
+    goal = now / ratio if ratio is not None and now > 0 else None
 
     def after(effort: float, step: int = 1) -> np.ndarray:
         """Returns each ``step``-th pixel's number of samples after a pass that is multiplied by ``effort``."""

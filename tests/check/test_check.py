@@ -90,6 +90,19 @@ def test_check_accepts_wrapper_without_a_change(kind):
 
 
 @pytest.mark.slow
+def test_fault_of_a_users_wrapper_is_not_one_of_mitsuba():
+    """``principled`` may have the same fault, but has it not with these parameters."""
+
+    class Wrapper(mutants.wrapper("bsdf", *mutants.BSDFS["not_reciprocal"])):
+        def __init__(self, props):
+            super().__init__(props)
+            self.inner = props["inner"]
+
+    mi.register_bsdf("wrapper", Wrapper)
+    assert not check.check({"type": "wrapper", "inner": {"type": "principled"}}).ok
+
+
+@pytest.mark.slow
 def test_users_bsdf_that_ignores_types_and_masks_is_right():
     """Images are right: Mitsuba's integrators ask for all types, Dr.Jit masks results, and arguments are copies. An
     exposed number of Python, which Mitsuba cannot set, matters to nobody else.

@@ -96,10 +96,13 @@ class Subject:
         """The plugin's type."""
         return str(self.props.plugin_name())
 
-    def types(self, node: int | None = None) -> set[str]:
-        """Returns the types of the plugin and of those in it."""
-        props = self.state.nodes[self.node if node is None else node].props
-        return {props.plugin_name()}.union(*(self.types(child.index()) for _, child in children(props)))
+    def types(self, node: int | None = None) -> dict[str, int]:
+        """Returns the types of the plugin and of those in it, with the number of a node of each."""
+        node = self.node if node is None else node
+        found = {self.state.nodes[node].props.plugin_name(): node}
+        for _, child in children(self.state.nodes[node].props):
+            found = self.types(child.index()) | found
+        return found
 
     def load(self, **changes: Any) -> Any:
         """Returns a new object, with some properties changed; None removes one. Raises Mitsuba's errors."""

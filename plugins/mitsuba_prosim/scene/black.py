@@ -64,6 +64,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
     ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5), True)
     si = scene.ray_intersect(ray)
+    dr.eval(ray, si)  # as below, so that no kernel computes again what others have
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
     if getattr(innermost(integrator), "hide_emitters", False):
         lamps = si.emitter(scene) != None  # noqa: E711
@@ -83,6 +84,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
         return "the visible surfaces are mirrors, glass or masks with nothing behind or around them."
     # False: without a test for shadows, which follows below.
     ds, light = scene.sample_emitter_direction(si, on_light, False, si.is_valid())
+    dr.eval(ds, light)
     lit = si.is_valid() & (dr.max(mi.unpolarized_spectrum(light)) > 0)
     if not dr.any(lit):
         return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
@@ -96,6 +98,7 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
             "glass that show something black?"
         )
     blocker = scene.ray_intersect(shadow_ray, lit)
+    dr.eval(blocker)
     clear = np.flatnonzero(lobes.has_any(blocker.bsdf().flags(), *lobes.REFRACTED))
     if clear.size:
         name = blocker.shape[int(clear[0])].id()
@@ -123,6 +126,7 @@ def _after_mirrors(
         ray = si.spawn_ray(si.to_world(bs.wo))
         si = dr.select(active, scene.ray_intersect(ray, active), si)
         passed += dr.select(active, mi.Float(1), 0)
+        dr.eval(ray, si, passed)
     return si, passed
 
 

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -38,9 +39,11 @@ class Shape(Tests):
         scene, shape, _, size = placed
         equal, require = self.report.equal, self.report.require
         ps = shape.sample_position(0.0, mi.Point2f(uniform(INPUTS, 2, 1)))
+        dr.eval(ps)
         equal("pdf of a position = pdf_position()", ps.pdf, shape.pdf_position(ps))
         equal("pdf of a position = 1 / surface_area()", rows(ps.pdf) * rows(shape.surface_area()), 1.0)
         si = scene.ray_intersect(mi.Ray3f(ps.p + ps.n * (1e-3 * size), -ps.n))
+        dr.eval(si)
         met = np.abs(rows(si.t, INPUTS)[0] - 1e-3 * size) < 2e-4 * size
         require("rays along the normal meet sampled positions", met, share=0.02)
         cos = np.abs((rows(si.n, INPUTS) * rows(ps.n, INPUTS)).sum(axis=0))
@@ -63,6 +66,7 @@ class Shape(Tests):
         hits, alive = np.zeros((8, LINES)), np.ones(LINES, dtype=bool)
         for _ in range(16):
             si = scene.ray_intersect(ray)
+            dr.eval(si)
             alive = alive & rows(si.is_valid(), LINES)[0].astype(bool)
             hits[octant(rows(si.p) - middle), np.arange(LINES)] += alive
             ray = si.spawn_ray(d)
@@ -77,5 +81,6 @@ class Shape(Tests):
         p = placed.centre[:, None] + directions(INPUTS, 6) * placed.size
         it = interaction(mi.Interaction3f, INPUTS, p=mi.Point3f(p.astype(np.float32)))
         ds = placed.shape.sample_direction(it, mi.Point2f(uniform(INPUTS, 2, 7)))
+        dr.eval(ds)
         on = np.isfinite(rows(ds.pdf, INPUTS)[0])
         self.report.equal("pdf of a direction = pdf_direction()", ds.pdf, placed.shape.pdf_direction(it, ds), on=on)

@@ -12,7 +12,7 @@ from mitsuba_prosim.explaining.noise import rarely_met
 from mitsuba_prosim.explaining.verdict import denoised_words, verdict
 from mitsuba_prosim.photons.caustics import Caustics
 from mitsuba_prosim.scene.black import reason
-from scenes import T, area, camera, diffuse, film, rectangle, rgb
+from scenes import T, area, camera, diffuse, film, kernels, rectangle, rgb
 
 PATH = {"type": "path", "max_depth": 6}
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": 6}
@@ -123,6 +123,17 @@ def test_black_image_has_a_reason(variant_rgb):
         assert says in told, told
     grey, light = (reason(loaded, loaded.sensors()[0], np.full((1, 1, 3), value)) for value in (1.4e-4, 1.6e-4))
     assert "its brightest value is 0.00014, white being 1" in grey and light is None
+
+
+def test_reason_of_a_black_image_compiles_no_kernel_for_each_mirror(variant_rgb, monkeypatch):
+    """They took half a minute, because each kernel computed again the way of the rays so far."""
+    walls = ball(MIRROR, radius=40) | {"flip_normals": True}
+    room = mi.load_dict(scene(walls=walls, floor=pane(MIRROR), chalk=pane(MIRROR), bulb=POINT))
+    found = []
+    for passed in (3, 16):
+        monkeypatch.setattr("mitsuba_prosim.scene.black.PASSED", passed)
+        found.append(kernels(lambda: reason(room, room.sensors()[0], np.zeros((1, 1, 3)))))
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize("weak, named", [({}, "bulb"), (bulb((-1, 5, 0), 0.3, 2.0), "lamps")])

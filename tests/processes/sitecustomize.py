@@ -15,11 +15,11 @@ TARGETS = {4: "x86-64-v3", 8: "x86-64-v3", 16: "x86-64-v4"}
 
 
 def compile_quickly(library: str) -> None:
-    """Switches off LLVM's optional passes, because most kernels are compiled for a few pixels. An image has the same
-    bits, but a render would be slower; so these kernels stay out of the user's cache.
+    """Switches off LLVM's optional passes and its best register allocation, because most kernels are compiled for a few
+    pixels. An image has the same bits, but a render would be slower; so these kernels stay out of the user's cache.
     """
-    options = b"pytest", b"-opt-bisect-limit=0", b"-opt-bisect-verbose=0"
-    ctypes.CDLL(library).LLVMParseCommandLineOptions(3, (ctypes.c_char_p * 3)(*options), None)
+    options = b"pytest", b"-opt-bisect-limit=0", b"-opt-bisect-verbose=0", b"-regalloc=basic"
+    ctypes.CDLL(library).LLVMParseCommandLineOptions(4, (ctypes.c_char_p * 4)(*options), None)
 
 
 def set_width(width: int) -> None:

@@ -15,7 +15,7 @@ import signal
 import sys
 import threading
 from collections import Counter
-from collections.abc import Collection, Iterator, MutableMapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -262,6 +262,25 @@ def description(thing: Any) -> str:
         return re.sub(r"^Scene\b", "MomentIntegrator", str(thing)) if isinstance(thing, mi.Integrator) else str(thing)
     except RuntimeError:
         return f"{type(thing).__name__ if is_users(thing) else thing.class_name()}[]"
+
+
+def name_of(thing: mi.Object, number: int | str = "") -> str:
+    """Returns the id of ``thing``; without one, as in many XML files, its file, or its class and ``number``. Meshes
+    that Mitsuba has merged have several files; rectangles among them have none.
+    """
+    if thing.id() and not thing.id().startswith("__"):
+        return str(thing.id())
+    named = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", description(thing))
+    (read,) = named or [f"{thing.class_name()} {number}".strip()]
+    parts = read.split(" + ")
+    return next(filter(str.strip, parts)) + ", ..." * (len(parts) > 1)
+
+
+def names_of(things: Iterable[mi.Object]) -> str:
+    """Returns the names of ``things`` for a message: at most eight, in quotes; that of its shape for an emitter."""
+    shapes = ((one.get_shape() or one) if isinstance(one, mi.Emitter) else one for one in things)
+    names = [*dict.fromkeys(repr(name_of(one)) for one in shapes)]
+    return ", ".join([*names[:8], *(["..."] if names[8:] else [])])
 
 
 def emitter_samples(integrator: mi.Integrator) -> int:

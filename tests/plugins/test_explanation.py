@@ -238,8 +238,8 @@ def test_lines_are_those_of_the_scene_file(variant_rgb, write_scene, tmp_path):
 def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
     mi.load_dict({"type": "cube"}).write_ply(str(tmp_path / "box.ply"))
     mesh = {"type": "ply", "filename": str(tmp_path / "box.ply")}
-    assert recorder.name_of(mi.load_dict(mesh), 7, {}) == "box.ply"
-    assert recorder.name_of(mi.load_dict({"type": "sphere"}), 7, {}) == "Sphere 7"
+    assert recorder.name_of(mi.load_dict(mesh), 7) == "box.ply"
+    assert recorder.name_of(mi.load_dict({"type": "sphere"}), 7) == "Sphere 7"
     white = {"type": "ref", "id": "white"}
     parts = {kind: {"type": kind, "bsdf": white} for kind in ("rectangle", "cube")}  # Mitsuba merges them
     scene = mi.load_dict({"type": "scene", "white": {"type": "diffuse"}, **parts})

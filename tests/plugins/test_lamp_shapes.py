@@ -100,6 +100,25 @@ def test_lamp_with_tilted_normals_causes_warning(variant_rgb, tmp_path, logged, 
     )
 
 
+def test_warnings_name_lamps_and_materials_without_an_id(variant_rgb, tmp_path, logged):
+    """Few exporters write ids. A lamp is named by its file, and is not forgotten among others; a BSDF by its class."""
+    write_square(tmp_path / "tilted.ply", normals=np.tile(np.array([1, 0, 1], np.float32) / 2**0.5, 4))
+    write_square(tmp_path / "flat.ply")
+    lamps = "".join(
+        f"""<shape type="ply"><string name="filename" value="{tmp_path}/{name}.ply"/><emitter type="area"/>
+        <transform name="to_world"><translate x="{x}"/></transform></shape>"""
+        for name, x in (("flat", -9), ("tilted", 0), ("flat", 9))
+    )
+    card = '<shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/></bsdf></shape>'
+    pixel = '<film type="hdrfilm"><integer name="width" value="1"/><integer name="height" value="1"/></film>'
+    scene = mi.load_string(
+        f'<scene version="3.0.0">{lamps}{card * 2}<sensor type="perspective">{pixel}</sensor></scene>'
+    )
+    mi.load_dict({"type": "prosim_adaptive", "inner": {"type": "path"}}).render(scene, spp=1)
+    said = [text.partition(" may ")[0] for _, text in logged]
+    assert sorted(said) == ["prosim: 'MaskBSDF'", "prosim: 'tilted.ply' (about 29%)"]
+
+
 def test_smooth_ball_of_triangles_causes_no_warning(variant_rgb, tmp_path, logged):
     """Eight triangles with the normals of a sphere."""
     ends = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]

@@ -11,7 +11,6 @@ wavelength of the variant. Densities are per solid angle.
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -22,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import description, shape_number
+from ..compat import description, name_of, shape_number
 from ..masks import but_not
 from ..optics.nested import all_shapes
 from ..transport import lobes
@@ -368,24 +367,19 @@ WAYS = ("Diffuse", "Glossy", "Delta")
 
 
 def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
-    """Returns the names of all shapes (:func:`name_of`), also of those within instances: number in Dr.Jit -> name."""
-    return {shape_number(mi.ShapePtr(s)): name_of(s, number, words) for number, s in enumerate(all_shapes(scene))}
+    """Returns the names of all shapes (:func:`title`), also of those within instances: number in Dr.Jit -> name."""
+    return {shape_number(mi.ShapePtr(s)): title(s, number, words) for number, s in enumerate(all_shapes(scene))}
 
 
-def name_of(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
-    """Returns the name of a shape or emitter: from ``words``, its id, its file, or its class and ``number``, and
-    its material from ``words``. Meshes that Mitsuba has merged have several files; rectangles among them have none.
+def title(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
+    """Returns the name of a shape or emitter: from ``words``, or by :func:`.name_of` with its material from
+    ``words``.
     """
-    key, material = thing.id(), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
-    if key and not key.startswith("__"):
-        return words.get(key, key)
-    (read,) = re.findall(r"^\w+\[\n  name = \"(.*\w.*)\"", description(thing)) or [f"{thing.class_name()} {number}"]
-    parts = read.split(" + ")
-    first = next(filter(str.strip, parts))
-    return first + ", ..." * (len(parts) > 1) + (f" of {material}" if material else "")
+    name, material = name_of(thing, number), words.get(thing.bsdf().id()) if isinstance(thing, mi.Shape) else None
+    return words.get(name, name) if name == thing.id() or not material else f"{name} of {material}"
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:
     """Returns the name of the emitter's shape, or the name of an emitter without a shape."""
     shape = emitter.get_shape()
-    return name_of(emitter, number, words) if shape is None else shapes[shape_number(mi.ShapePtr(shape))]
+    return title(emitter, number, words) if shape is None else shapes[shape_number(mi.ShapePtr(shape))]

@@ -63,7 +63,7 @@ def warn_of_unsampled(emitters: Iterable[mi.Emitter]) -> None:
     """Warns of surfaces that emit in many directions, but have no points to sample (:func:`has_points`)."""
     surface, single = mi.EmitterFlags.Surface, mi.EmitterFlags.DeltaDirection
     many = [e for e in emitters if mi.has_flag(e.flags(), surface) and not mi.has_flag(e.flags(), single)]
-    if names := ", ".join(repr(name_of(e)) for e in many if not has_points(e)):
+    if names := compat.names_of(e for e in many if not has_points(e)):
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {names} do not light diffuse surfaces, because Mitsuba cannot sample their shape or texture "
@@ -77,15 +77,15 @@ def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:
     does not normalise directions.
     """
     skies = (e for e in emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite))
-    if scaled := ", ".join(repr(name_of(e)) for e in skies if scales(e)):
+    if scaled := compat.names_of(e for e in skies if scales(e)):
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: the light of {scaled} is wrong, because its to_world has a scale, perhaps by a rotation whose "
             "axis is not of length 1: Mitsuba samples other light than it shows. Remove the scale.",
         )
-    losses = {name_of(e): tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
-    if tilted := {name: loss for name, loss in losses.items() if loss > MIN_TILT_LOSS}:
-        names = ", ".join(f"{name!r} (about {loss:.0%})" for name, loss in tilted.items())
+    losses = {e: tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
+    if tilted := {e: loss for e, loss in losses.items() if loss > MIN_TILT_LOSS}:
+        names = ", ".join(f"{compat.names_of([e])} (about {loss:.0%})" for e, loss in tilted.items())
         mi.Log(
             mi.LogLevel.Warn,
             f"prosim: {names} may light too little: the vertex normals of these emitters are tilted against their "
@@ -137,11 +137,6 @@ def is_own_sphere(emitter: mi.Emitter, it: mi.Interaction3f | mi.SurfaceInteract
     if not isinstance(it, mi.SurfaceInteraction3f):
         return False
     return it.shape == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
-
-
-def name_of(emitter: mi.Emitter) -> str:
-    """Returns the id by which messages name ``emitter``: that of its shape, if it has one."""
-    return str((emitter.get_shape() or emitter).id())
 
 
 def sample_shape(

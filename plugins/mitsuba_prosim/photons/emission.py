@@ -18,9 +18,18 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..compat import INSTANCE, MAPS, SPHERE, emitter_pointers, emitters_in_order, eval_direction, mesh_positions
+from ..compat import (
+    INSTANCE,
+    MAPS,
+    SPHERE,
+    emitter_pointers,
+    emitters_in_order,
+    eval_direction,
+    mesh_positions,
+    names_of,
+)
 from ..light.beam import sample_falloff
-from ..light.emitter_methods import EmitterMethods, has_points, name_of
+from ..light.emitter_methods import EmitterMethods, has_points
 from ..masks import fold
 from ..optics.nested import all_bsdfs, all_within
 from ..sampling import sobol
@@ -93,10 +102,10 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
     inseparable = [shape for shape in shapes if shape.bsdf() is not None and is_inseparable(shape.bsdf())]
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
     if through and len(inseparable) > 1:
-        onto = ", ".join(repr(s.id()) for s in inseparable if s is not through[0])
+        onto, caster = names_of(s for s in inseparable if s is not through[0]), names_of(through[:1])
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: in a ray tree, caustics omit the light that {through[0].id()!r} casts on {onto}: their materials "
+            f"prosim: in a ray tree, caustics omit the light that {caster} casts on {onto}: their materials "
             "have inseparable lobes. Paths (diffuse_bounces) find this light. In a ray tree, use prosim_dielectric or "
             "roughdielectric for the glass, or prosim_composite, roughplastic or diffuse for the other materials.",
         )
@@ -105,10 +114,10 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
 def warn_of_maps(scene: mi.Scene) -> None:
     """Warns of specular BSDFs in a ``bumpmap`` or ``normalmap``, whose normals photons do not know."""
     specular = [bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(int(bsdf.flags()), *lobes.SPECULAR)]
-    if mapped := [b.id() for b in specular if any(one.class_name() in MAPS for one in all_within(b))]:
+    if mapped := names_of(b for b in specular if any(one.class_name() in MAPS for one in all_within(b))):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, mapped))} may scatter too much or too little light to caustics: about 7 % "
+            f"prosim: {mapped} may scatter too much or too little light to caustics: about 7 % "
             "where the bumpmap or normalmap tilts the normal by 30 degrees, 16 % at 45 degrees, because photons do "
             "not know this normal. Model the bumps as geometry, or leave caustics out.",
         )
@@ -201,12 +210,11 @@ def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
     """Returns those ``emitters`` whose photons can be aimed at targets, and warns of all others."""
     others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
     if others:
-        names = ", ".join(repr(name_of(emitter)) for emitter in others)
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: caustics omit the light of the emitters {names}, because they emit only along their normals, "
-            "their flags tell no place, or Mitsuba cannot sample their shape or texture (curves, ellipsoids, sdfgrid, "
-            "mesh_attribute). Use emitters with the flag DeltaPosition or Infinite, or with Surface but without "
+            f"prosim: caustics omit the light of the emitters {names_of(others)}, because they emit only along their "
+            "normals, their flags tell no place, or Mitsuba cannot sample their shape or texture (curves, ellipsoids, "
+            "sdfgrid, mesh_attribute). Use emitters with the flag DeltaPosition or Infinite, or Surface but not "
             "DeltaDirection.",
         )
     return [emitter for emitter in emitters if emitter not in others]

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import description
+from ..compat import description, name_of
 from ..optics.nested import parts
 from ..transport import lobes
 
@@ -101,11 +101,10 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     dr.eval(blocker)
     clear = np.flatnonzero(lobes.has_any(blocker.bsdf().flags(), *lobes.REFRACTED))
     if clear.size:
-        name = blocker.shape[int(clear[0])].id()
-        such = f", such as {name}" if name and not name.startswith("__") else ""
+        name = name_of(blocker.shape[int(clear[0])])
         return (
-            f"light reaches the visible surfaces only through glass or a mask{such}, where shadow rays end. Photons "
-            "(caustics) find it, or paths that meet a lamp with an extent."
+            f"light reaches the visible surfaces only through glass or a mask, such as {name}, where shadow rays "
+            "end. Photons (caustics) find it, or paths that meet a lamp with an extent."
         )
     return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
 

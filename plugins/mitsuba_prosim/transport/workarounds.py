@@ -46,8 +46,9 @@ from ..compat import (
     ROUGH_PLASTIC,
     emitter_samples,
     is_users,
+    names_of,
 )
-from ..light.emitter_methods import loses_light, name_of
+from ..light.emitter_methods import loses_light
 from ..masks import but_not, idle
 from ..optics.nested import all_bsdfs, all_within, leaves, parts
 from . import lobes
@@ -63,34 +64,33 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
     """
     warn_of_missing_flags(scene)
     integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
-    if lost := [name_of(e) for e in scene.emitters() if e.class_name() == AREA and loses_light(e)]:
+    if lost := names_of(e for e in scene.emitters() if e.class_name() == AREA and loses_light(e)):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, lost))} may light too little: Mitsuba's area cannot sample this shape, or "
+            f"prosim: {lost} may light too little: Mitsuba's area cannot sample this shape, or "
             "loses points of the texture. Use prosim_area in its place.",
         )
     times, kinds = max(map(emitter_samples, integrators)), mi.EmitterFlags.Delta
-    if times > 1 and (points := [name_of(e) for e in scene.emitters() if mi.has_flag(e.flags(), kinds)]):
+    if times > 1 and (points := names_of(e for e in scene.emitters() if mi.has_flag(e.flags(), kinds))):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, points))} will be {times} times too bright: Mitsuba's direct multiplies the "
+            f"prosim: {points} will be {times} times too bright: Mitsuba's direct multiplies the "
             "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
         )
-    blends = [bsdf.id() for bsdf in all_bsdfs(scene) if mixes_wrongly(mi.BSDFContext(), bsdf)]
-    if blends:
+    if blends := names_of(bsdf for bsdf in all_bsdfs(scene) if mixes_wrongly(mi.BSDFContext(), bsdf)):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, blends))} may reflect too little or too much light: Mitsuba's blendbsdf "
+            f"prosim: {blends} may reflect too little or too much light: Mitsuba's blendbsdf "
             "adds the density of smooth lobes to that of mirrors, clear glass and holes, and takes samples that one "
             'of its BSDFs discards for samples of the other, such as rough glass. Render with "prosim".',
         )
     # ``path`` returns black if the ray has met nothing but holes; it counts a sky as something, unless it hides it.
     blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
-    holed = [bsdf.id() for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)]
+    holed = [bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)]
     if blind and holed:
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, holed))} may reflect too little light: Mitsuba's path forgets the light of "
+            f"prosim: {names_of(holed)} may reflect too little light: Mitsuba's path forgets the light of "
             'the surface around a hole that shows nothing behind it. Render with "prosim" or "prb".',
         )
 
@@ -103,22 +103,22 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
         if names := [name for name in ("alpha", "eta") if dr.grad_enabled(mi.traverse(bsdf)[name])]:
             mi.Log(
                 mi.LogLevel.Warn,
-                f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are wrong: Mitsuba's roughplastic "
-                "tabulates its transmittance without them. Use principled or prosim_composite.",
+                f"prosim: the derivatives by {' and '.join(names)} of {names_of([bsdf])} are wrong: Mitsuba's "
+                "roughplastic tabulates its transmittance without them. Use principled or prosim_composite.",
             )
     for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, PRINCIPLED)):
         values = {name: mi.traverse(bsdf).get(f"{name}.value") for name in ("sheen", "clearcoat")}
         if names := [name for name, value in values.items() if dr.grad_enabled(value) and dr.all(value == 0)]:
             mi.Log(
                 mi.LogLevel.Warn,
-                f"prosim: the derivatives by {' and '.join(names)} of {bsdf.id()!r} are 0, because Mitsuba's "
+                f"prosim: the derivatives by {' and '.join(names)} of {names_of([bsdf])} are 0, because Mitsuba's "
                 "principled has no such lobe where its weight is 0. Begin with a small weight, such as 0.01.",
             )
-    maps = ((bsdf.id(), one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
-    if wrong := [name for name, one in maps if any(map(_has_derivatives, _hidden_choices(one)))]:
+    maps = ((bsdf, one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
+    if wrong := names_of(bsdf for bsdf, one in maps if any(map(_has_derivatives, _hidden_choices(one)))):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: derivatives by parameters of {', '.join(map(repr, wrong))} may be wrong: Mitsuba's mask and "
+            f"prosim: derivatives by parameters of {wrong} may be wrong: Mitsuba's mask and "
             "blendbsdf hide within a bumpmap or normalmap how they choose mirrors, glass and holes. Put the map into "
             "the mask or blendbsdf, around each of its BSDFs.",
         )
@@ -133,10 +133,11 @@ def warn_of_undivided_lobes(scene: mi.Scene) -> None:
     si.sh_frame = mi.Frame3f(si.n)
     bsdfs = [one for one in all_bsdfs(scene) if lobes.has_any(one.flags(), *lobes.DIFFUSE) and is_inseparable(one)]
     specular = (one for one in bsdfs if lobes.has_any(one.flags(), *lobes.SPECULAR))
-    if wrong := [one.id() for one in specular if dr.grad_enabled(eval_pdf(mi.BSDFContext(), one, si, si.wi, True)[1])]:
+    context = mi.BSDFContext()
+    if wrong := names_of(b for b in specular if dr.grad_enabled(eval_pdf(context, b, si, si.wi, True)[1])):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: derivatives by parameters of {', '.join(map(repr, wrong))} are wrong: rays follow its specular "
+            f"prosim: derivatives by parameters of {wrong} are wrong: rays follow its specular "
             "lobe with a probability that Mitsuba does not tell. Set diffuse_bounces = -1 to follow all its rays.",
         )
 
@@ -147,8 +148,8 @@ def warn_of_moving_sun(scene: mi.Scene) -> None:
         if emitter.class_name() == "SunskyEmitter" and dr.grad_enabled(mi.traverse(emitter)["sun_direction"]):
             mi.Log(
                 mi.LogLevel.Warn,
-                f"prosim: the derivatives by sun_direction of {emitter.id()!r} are wrong. Take prb, whose derivatives "
-                "in reverse mode (dr.backward) are right.",
+                f"prosim: the derivatives by sun_direction of {names_of([emitter])} are wrong. Take prb, whose "
+                "derivatives in reverse mode (dr.backward) are right.",
             )
 
 
@@ -172,11 +173,10 @@ def _is_smooth(bsdf: mi.BSDF) -> bool:
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
     """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that :func:`mixes_wrongly` the lobes ``lobe``."""
     maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
-    wrong = [b.id() for b in maps if any(mixes_wrongly(requested_lobes(lobe, one), one) for one in maps[b])]
-    if wrong:
+    if wrong := names_of(b for b in maps if any(mixes_wrongly(requested_lobes(lobe, one), one) for one in maps[b])):
         mi.Log(
             mi.LogLevel.Warn,
-            f"prosim: {', '.join(map(repr, wrong))} may reflect too little or too much light: Mitsuba samples a "
+            f"prosim: {wrong} may reflect too little or too much light: Mitsuba samples a "
             "blendbsdf of a mirror, glass or a hole with another surface wrongly within a bumpmap or normalmap. "
             "Put the map into the blendbsdf, around each of its BSDFs.",
         )

@@ -212,6 +212,8 @@ def test_suggested_plugin_has_the_requested_type(variant_rgb):
         ("rfilter", "mitchel", " Did you mean mitchell?"),
         ("shape", "roughconductorr", ""),
         ("bsdf", "xyzzy", ""),
+        ("integrator", "paht", " Did you mean path?"),
+        ("integrator", "sppm", " With --paths, prosim render, explain and watch do without it."),
     ]:
         said = words.format(kind, name, name)
         assert with_suggestion(f"{said}\nmore") == f"{said}{meant}\nmore"

@@ -45,7 +45,7 @@ def _line(path: Path, line: int, column: int) -> str:
 
 def with_suggestion(words: str) -> str:
     """Returns the error message ``words``, and the name of a similar plugin of the same kind if a plugin does not
-    exist.
+    exist; without a similar integrator, the option that does without it.
 
     If the message does not tell the kind ("unknown"), the suggested plugin may have any kind.
     """
@@ -53,10 +53,12 @@ def with_suggestion(words: str) -> str:
     if found is None:
         return words
     kind_of, kind = mi.PluginManager.instance().plugin_type, TAGS.get(found[1], found[1])
+    hint = " With --paths, prosim render, explain and watch do without it." if kind == "integrator" else ""
     for near in difflib.get_close_matches(found[2], native_plugins() | set(registry.PLUGINS), n=9):
         if kind in ("unknown", kind_of(near).name.lower()):
-            return f"{words[: found.end()]} Did you mean {near}?{words[found.end() :]}"
-    return words
+            hint = f" Did you mean {near}?"
+            break
+    return words[: found.end()] + hint + words[found.end() :]
 
 
 def check_images(document: prosim_scene.Document) -> None:

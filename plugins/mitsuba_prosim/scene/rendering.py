@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import denormals_rounded, description
+from ..compat import denormals_rounded, description, is_users
 from ..engine.work import Step, Steps
 from ..optics.nested import all_flags, all_shapes
 from ..parameters import check_samples
@@ -95,7 +95,7 @@ def with_all_channels(integrator: mi.Integrator, image: Any, film: mi.Film) -> m
     shape = tuple(getattr(image, "shape", ()))
     if shape == stored.shape:
         return image
-    if shape[:2] != stored.shape[:2] or not np.array_equal(image, np.array(stored)[..., : shape[-1]], equal_nan=True):
+    if is_users(integrator):
         mi.Log(
             mi.LogLevel.Warn,
             f"render() of {description(integrator).partition('[')[0]} returns {shape or type(image).__name__}, but the "

@@ -98,6 +98,7 @@ def black():
     upwards = {"type": "spot", "to_world": T().look_at([0, 5, 0], [0, 9, 0], [1, 0, 0])}
     return [
         (scene(), "the scene has no lights"),
+        (scene({"type": "aov", "aovs": "dd:depth"}), "only its channels, such as dd.T"),
         (scene(target=(0, 0.5, 14), **overhead), "nothing is in view"),
         (scene(origin=(-2.5, 0.5, 0), target=(0, 0.5, 0), **overhead), "the eye is within a solid"),
         (scene(spot=upwards), "the lights shine elsewhere"),

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import description, name_of
+from ..compat import AOV, description, name_of
 from ..optics.nested import parts
 from ..transport import lobes
 
@@ -45,6 +45,8 @@ def reason(
     if brightest > 0:
         enough = brighter.format(f"{exposure + math.ceil(-math.log2(brightest)):g}")
         text = f"its brightest value is {brightest:.2g}, white being 1. {enough}, and so do brighter lights."
+    elif (integrator := innermost(scene.integrator())) and integrator.class_name() == AOV:
+        text = f"aov alone computes only its channels, such as {integrator.aov_names()[0]}; nest path in it for light."
     elif not scene.emitters():
         text = "the scene has no lights."
     elif not dr.is_jit_v(mi.Float):

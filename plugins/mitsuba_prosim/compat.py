@@ -277,10 +277,15 @@ def name_of(thing: mi.Object, number: int | str = "") -> str:
 
 
 def names_of(things: Iterable[mi.Object]) -> str:
-    """Returns the names of ``things`` for a message: at most eight, in quotes; that of its shape for an emitter."""
-    shapes = ((one.get_shape() or one) if isinstance(one, mi.Emitter) else one for one in things)
-    names = [*dict.fromkeys(repr(name_of(one)) for one in shapes)]
+    """Returns the names of ``things`` for a message: at most eight, in quotes; of :func:`named_by` for an emitter."""
+    names = [*dict.fromkeys(repr(name_of(named_by(one) if isinstance(one, mi.Emitter) else one)) for one in things)]
     return ", ".join([*names[:8], *(["..."] if names[8:] else [])])
+
+
+def named_by(emitter: mi.Emitter) -> mi.Object:
+    """Returns what names ``emitter``: its shape, or itself if it has none, or alone has an id."""
+    shape = emitter.get_shape()
+    return emitter if shape is None or (emitter.id() and not shape.id()) else shape
 
 
 def emitter_samples(integrator: mi.Integrator) -> int:

@@ -93,5 +93,9 @@ def test_many_layers_derivatives_and_nesting_are_refused(variant_rgb):
 
 
 def test_lamps_without_names_are_numbered(variant_rgb):
-    plain = mi.load_string('<scene version="3.0.0"><emitter type="point"/><emitter type="point" id="a.b"/></scene>')
-    assert layers.light_names(plain.emitters()) == ["lamp1", "a_b"]
+    plain = mi.load_string(
+        """<scene version="3.0.0"><emitter type="point"/><emitter type="point" id="a.b"/>
+        <shape type="sphere"><emitter type="area" id="bulb"/></shape>
+        <shape type="sphere" id="ball"><emitter type="area" id="c"/></shape></scene>"""
+    )
+    assert sorted(layers.light_names(plain.emitters())) == ["a_b", "ball", "bulb", "lamp1"]

@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..compat import description, name_of, shape_number
+from ..compat import description, name_of, named_by, shape_number
 from ..masks import but_not
 from ..optics.nested import all_shapes
 from ..transport import lobes
@@ -380,6 +380,6 @@ def title(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
 
 
 def lamp_name(emitter: mi.Emitter, number: int, shapes: Mapping[int, str], words: Mapping[str, str]) -> str:
-    """Returns the name of the emitter's shape, or the name of an emitter without a shape."""
-    shape = emitter.get_shape()
-    return title(emitter, number, words) if shape is None else shapes[shape_number(mi.ShapePtr(shape))]
+    """Returns the name of the emitter's shape, or of the emitter (:func:`.named_by`)."""
+    thing = named_by(emitter)
+    return shapes[shape_number(mi.ShapePtr(thing))] if isinstance(thing, mi.Shape) else title(thing, number, words)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from ..compat import named_by
+
 #: Allowed values of the parameter ``layers``.
 KINDS = ("none", "lights")
 
@@ -54,8 +56,7 @@ def light_names(emitters: Sequence[mi.Emitter]) -> list[str]:
     """
     names = ["background", "ambient"]
     for number, emitter in enumerate(emitters, 1):
-        shape = emitter.get_shape()
-        name = re.sub(r"\W", "_", (emitter if shape is None else shape).id() or "").lstrip("_") or f"lamp{number}"
+        name = re.sub(r"\W", "_", named_by(emitter).id() or "").lstrip("_") or f"lamp{number}"
         while name in names:
             name += "_"
         names.append(name)

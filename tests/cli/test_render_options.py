@@ -1,5 +1,6 @@
 """``prosim render``: its options, and what they refuse; files of other kinds; the places of errors in XML."""
 
+import gzip
 import os
 import re
 from pathlib import Path
@@ -408,6 +409,7 @@ def test_sensor_without_a_film_gets_the_size(scene, arguments):
 EMPTY = '<integer name="crop_width" value="{}"/><integer name="crop_height" value="{}"/></film>'
 LIT = scene_text(content=LIT_FLOOR + '<emitter type="directional"></emitter>')
 HAIR = '<shape type="bsplinecurve"><string name="filename" value="no.txt"/></shape>'
+PACKED = '<shape type="ply"><string name="filename" value="packed.ply"/></shape>'
 
 
 def ball(plugin, parameter):
@@ -425,6 +427,9 @@ def ball(plugin, parameter):
         (scene_text(sampler="stratified", spp=0), "in the sampler stratified; give 1"),
         (scene_text('<integrator type="prosim"/>', sampler="nrook", spp=0), "in the sampler nrook; give 1"),
         *[(XML.replace("</film>", EMPTY.format(*size)), "the crop window") for size in ((0, 4), (4, -1))],
+        (XML.replace('integer name="width"', 'string name="width"'), '"width" has the wrong type'),
+        (XML.replace("</film>", '<string name="crop_width" value="4"/></film>'), '"crop_width" has the wrong type'),
+        (XML.replace('integer name="sample_count"', 'string name="sample_count"'), '"sample_count" has the wrong type'),
         *[
             (LIT.replace(f'"{plugin}">', f'"{plugin}"><float name="unheard_of" value="1"/>', 1), "parameter unheard_of")
             for plugin in ("perspective", "sphere", "rectangle", "directional")
@@ -436,13 +441,15 @@ def ball(plugin, parameter):
         # Mitsuba ends the process, or cannot tell why.
         (ball("lambertian", '<texture type="bitmap"/>'), "(line 8, col 58): this bitmap has no filename"),
         (scene_text(content='<bsdf type="blendbsdf"/>'), "(line 8, col 6): this blendbsdf has no weight"),
-        (ball("\udce7ava", ""), "prosim_\ufffdava: this is not UTF-8; save the scene as UTF-8\n"),
+        (ball("\udce7ava", ""), "prosim_\ufffdava: this is not UTF-8; save the file as UTF-8, or unpack it\n"),
+        (scene_text(content=PACKED), "this is not UTF-8; save the file as UTF-8, or unpack it\n"),
         (ball("lambertian", '<texture name="kd" type="checkerboard"/>'), "parameter kd; it has reflectance, ambient\n"),
     ],
 )
 def test_wrong_scene_writes_nothing(scene, text, says):
     """Images of before stay."""
     scene.with_suffix(".exr").write_bytes(b"before")
+    scene.with_name("packed.ply").write_bytes(gzip.compress(b"ply\n"))
     scene.write_text(text, errors="surrogateescape")
     refused(says, "render", scene)
     assert scene.with_suffix(".exr").read_bytes() == b"before"
@@ -452,3 +459,13 @@ def test_wrong_scene_writes_nothing(scene, text, says):
 def test_missing_integrator_is_shown_at_its_line(scene, option):
     scene.write_text(scene_text('<integrator type="pathh"/>'))
     refused('(line 3, col 6): failed to instantiate integrator plugin of type "pathh"', "render", scene, option, 1)
+
+
+def test_parameter_of_another_type_is_shown_at_its_line(scene):
+    """Also those that options read and replace."""
+    volpath = '<integrator type="volpath"><string name="max_depth" value="3"/></integrator>'
+    aov = '<integrator type="aov"><integer name="aovs" value="3"/><integrator type="path"/></integrator>'
+    for integrator in (volpath, aov):
+        scene.write_text(scene_text(integrator))
+        for options in (("--noise", 1), ("--spp", 1), ("--paths",)):
+            refused("has the wrong type (expected ", "render", scene, *options)

@@ -118,6 +118,10 @@ class SceneFile:
             self.wrapped = overrides.apply(self.state, resolution, crop, parameters, sensor)
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
+        except TypeError:  # of a parameter: Mitsuba tells its name and its line
+            self.state = self._unchanged
+            self.load()
+            raise
 
     def digest(self) -> str:
         """Returns a SHA-256 digest of the scene's content, with the values of its ``$name`` constants, and of the files
@@ -251,7 +255,9 @@ def check_parameters(state: mi.parser.ParserState) -> None:
         props, plugin, wrong = node.props, node.props.plugin_name(), ""
         if (needed := compat.REQUIRED.get(plugin)) and not any(name in props for name in needed):
             wrong = f"this {plugin} has no {needed[0]}, which it needs"
-        elif node.type == mi.ObjectType.Sampler and (count := props.get("sample_count", 1)) < 1:
+        elif (
+            node.type == mi.ObjectType.Sampler and isinstance(count := props.get("sample_count", 1), int) and count < 1
+        ):
             wrong = f"sample_count is {count} in the sampler {plugin}; give 1 or more"  # Mitsuba would divide by it
         if wrong:
             raise ValueError(f"At {mi.parser.file_location(state, node)}: {wrong}")

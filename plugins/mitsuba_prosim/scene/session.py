@@ -86,7 +86,7 @@ def message(error: BaseException) -> str:
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     text = str(error)
     if isinstance(error, UnicodeDecodeError):  # Mitsuba has quoted a text in another encoding
-        text = f"{error.object.decode('utf-8', 'replace')}: this is not UTF-8; save the scene as UTF-8"
+        text = f"{error.object.decode('utf-8', 'replace')}: this is not UTF-8; save the file as UTF-8, or unpack it"
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", text) + cause)
 
     def shortened(found: re.Match[str]) -> str:

@@ -77,12 +77,15 @@ def there(client, path, tell=None, spp=0, **changes):
 def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
     """Also by search paths and parameters; wherever they are, but in its folder."""
     folder = tmp_path / "scene"
-    (folder / "skins").mkdir(parents=True)
+    for name in "skins", "unused":
+        (folder / name).mkdir(parents=True)
     path = lamp.rename(folder / "scene.xml")
     texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="{}"/></texture>'
     shape = f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape></scene>'
     text = LAMP.replace('<rgb name="radiance" value="9"/>', '<spectrum name="radiance" filename="skins/$kind.spd"/>')
-    text = text.replace("<sensor", '<path value="skins"/><default name="kind" value="lamp"/><sensor', 1)
+    text = text.replace(
+        "<sensor", '<path value="unused"/><path value="skins"/><default name="kind" value="lamp"/><sensor', 1
+    )
 
     def bundle(name="a.$frame.exr", **how):
         path.write_text(text.replace("</scene>", shape.format(name)))
@@ -92,7 +95,8 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
     OpenEXR.File({}, {c: np.full((2, 2), 0.5, np.float32) for c in "RGB"}).write(str(folder / "skins" / "a.7.exr"))
     (folder / "skins" / "lamp.spd").write_text("400 9\n700 9\n")
     first = bundle()
-    assert set(first.contents) == {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+    files = {"scene.xml", "skins/a.7.exr", "skins/lamp.spd"}
+    assert files == {name for name, content in first.contents.items() if content}
     path = folder.rename(tmp_path / "moved") / "scene.xml"
     assert bundle() == first != bundle(sensor=1)
     (path.parent / "skins" / "lamp.spd").write_text("400 9\n700 8\n")
@@ -102,6 +106,9 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
     for name in "../a.exr", str(picture):
         with pytest.raises(ValueError, match="needs all files in the scene's folder"):
             bundle(name)
+    text = text.replace('"unused"', '".."')  # an element <path>
+    with pytest.raises(ValueError, match=r"the scene names \.\., and"):
+        bundle()
 
 
 @pytest.mark.slow

@@ -33,6 +33,9 @@ from ..engine.work import WorkItem
 from ..parameters import pick_sensor
 from ..scene import scene_file, session
 
+#: Name of the file by which a bundle has an empty folder.
+EMPTY = ".empty"
+
 
 @dataclass(frozen=True)
 class SceneBundle:
@@ -53,11 +56,14 @@ class SceneBundle:
     def of(cls, file: scene_file.SceneFile, sensor: int = 0) -> SceneBundle:
         """Returns the bundle of the scene ``file``.
 
-        Raises OSError if a file cannot be read. Raises ValueError if the scene names a file outside the scene's folder,
-        or by an absolute path.
+        Raises OSError if a file cannot be read. Raises ValueError if the scene names a file or a folder outside the
+        scene's folder, or a file by an absolute path.
         """
         folders, contents = [Path(os.path.abspath(folder)) for folder in (file.xml.parent, file.path.parent)], {}
-        for name, path in file.named_files():
+        # The folders of elements <path> must exist on the worker, so each has an empty file.
+        searched = [str(folder) for folder in file.resolver if str(folder) not in file.folders]
+        empty = [(os.path.relpath(folder, folders[1]), Path(folder, EMPTY)) for folder in searched]
+        for name, path in [*file.named_files(), *empty]:
             place = Path(os.path.abspath(path))
             folder = next((folder for folder in folders if place.is_relative_to(folder)), None)
             if folder is None or os.path.isabs(name):
@@ -65,7 +71,7 @@ class SceneBundle:
                     f"{file.path}: the scene names {name}, and a cluster needs all files in the scene's folder; copy "
                     "the file there, and name it relative to that folder"
                 )
-            contents[place.relative_to(folder).as_posix()] = path.read_bytes()
+            contents[place.relative_to(folder).as_posix()] = b"" if path.name == EMPTY else path.read_bytes()
         return cls(file.xml.name, file.changes, sensor, mi.variant() or "", contents)
 
     def load(self) -> tuple[mi.Scene, mi.Sensor]:

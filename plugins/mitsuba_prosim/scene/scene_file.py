@@ -98,11 +98,12 @@ class SceneFile:
         confinement = Confinement(reversed(folders)) if confined else None
         # A file of a confined scene cannot replace a file of Mitsuba, because the folder of Mitsuba is first.
         with session.search_path([INSTALLED, *folders] if confined else folders) as resolver:
-            self._folders = [str(folder) for folder in resolver]  # elements <path> add folders to the search path
+            #: The search path, to which elements <path> then add folders.
+            self.folders = [str(folder) for folder in resolver]
             if confinement and self.xml is self.path:
                 confinement.check_text(self.xml)
             self._unread: list[str] = []  # what :meth:`_spectrum_files` cannot read
-            self._spectra = {*self._spectrum_files(self.xml, self._folders, dict(definitions or {}))}
+            self._spectra = {*self._spectrum_files(self.xml, self.folders, dict(definitions or {}))}
             self.state = parse(self.xml, definitions or {})
             for place in self._unread:
                 why = f"{place}; Mitsuba accepts this, but its spectrum files are neither watched nor sent to a cluster"

@@ -252,6 +252,7 @@ def test_meshes_without_ids_are_named_by_their_files(variant_rgb, tmp_path):
     [
         ("path", "", "The integrator PathIntegrator keeps no record"),
         ("volpath", "", "except light that media scatter"),
+        ("moment", "path", "The integrator PathIntegrator keeps no record"),
         ("prosim_adaptive", "path", "paths of prosim"),
         ("prosim_denoised", "prosim", "The image is denoised; these are the samples before."),
         ("prosim_adaptive", "prosim", "other random numbers"),

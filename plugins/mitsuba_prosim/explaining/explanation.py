@@ -25,7 +25,7 @@ from ..engine.estimator import Estimator
 from ..engine.plan import Plan
 from ..parameters import check_whole, pick_sensor
 from ..registry import PLUGINS, create
-from ..scene.black import depth_limit
+from ..scene.black import depth_limit, innermost
 from ..scene.scene_file import SceneFile, require_scene
 from . import explanation_page, noise
 from .recorder import Node, Numbers, Places, Recorder
@@ -289,6 +289,8 @@ def explained_integrator(integrator: Any, notes: list[str]) -> Any:
     if getattr(integrator, "name", "") == "prosim":
         notes.extend(note for name, note in OUTER_NOTES.items() if PLUGINS[name] in outer)
         return integrator
+    if not is_users(integrator):
+        integrator = innermost(integrator)  # of aov or moment
     kind, _, parameters = description(integrator).partition("[")  # class_name() is not that of a class in Python
     known = kind == "DirectIntegrator" or re.match(r"\s*max_depth = ", parameters)
     if not (isinstance(integrator, mi.SamplingIntegrator) and known) or is_users(integrator):

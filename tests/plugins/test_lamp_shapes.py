@@ -251,3 +251,18 @@ def test_other_shapes_of_the_process_do_not_matter(variant_rgb, tmp_path, elsewh
     integrator = mi.load_dict({"type": "prosim", "samples": 1, "caustics": True, "caustic_photons": 2000, **settings})
     assert np.array(integrator.render(scene)).mean() > 0.01
     del other
+
+
+@pytest.mark.parametrize("shape, bounces", [("rectangle", 0), ("rectangle", -1), ("ply", 0)])
+def test_lamps_in_one_plane_give_finite_light(variant_rgb, tmp_path, logged, shape, bounces):
+    """A rotation rounds their normals, so that one sees the other at an angle whose cosine is as small as 1e-18, and
+    with a density whose square is infinite. So does a wall that a lamp is flush with.
+    """
+    square = write_square(tmp_path / "square.ply") if shape == "ply" else {"type": shape}
+    square |= area(40.0) | {"bsdf": {"type": "roughconductor", "alpha": 0.3}}
+    side = {k: T().translate([2 * k, 0, 1]).rotate([1, 0, 0], 90).scale(0.5) for k in (-1, 1)}
+    lamps = {f"lamp{k}": square | {"to_world": side[k]} for k in side}
+    view = camera([2, -2, 1], [2, 0, 1], film(16), [1, 0, 0], fov=20)
+    integrator = mi.load_dict({"type": "prosim", "diffuse_bounces": bounces, "max_level": 2})
+    image = mi.render(load_scene(sensor=view, **lamps), integrator=integrator, spp=64, seed=1)
+    assert not logged and np.min(image) >= 40 * (1 - 1e-5)

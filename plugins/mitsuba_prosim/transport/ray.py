@@ -81,9 +81,12 @@ class Vertex(Surface):
 
 
 def mis(pdf: mi.Float, other: mi.Float) -> mi.Float:
-    """Returns a sample's weight by the power heuristic (Veach 1997), for its density ``pdf``; 0 where ``pdf`` is 0."""
+    """Returns a sample's weight by the power heuristic (Veach 1997), for its density ``pdf``: 0 where this is 0, and 1
+    where its square is infinite, as that of a lamp in the plane of the surface may be.
+    """
     pdf, other = dr.square(pdf), dr.square(other)
-    return dr.select(pdf > 0, pdf / dr.select(pdf > 0, pdf + other, 1), 0)
+    usual = (pdf > 0) & (pdf < dr.inf)
+    return dr.select(usual, pdf / dr.select(usual, pdf + other, 1), dr.select(pdf > 0, 1, 0))
 
 
 def viewer_side(si: mi.SurfaceInteraction3f) -> mi.Normal3f:

@@ -406,15 +406,14 @@ def wrong_owners(scene, triangles, owner, rng, count=1000, reach=0.02):
     # Rays that are oblique to all faces, against the normals.
     away = normals[chosen] / size[chosen, None] + rng.normal(scale=0.02, size=(count, 3))
     wrong = np.arange(count)
-    for shift in np.concatenate([np.zeros((1, 3)), rng.normal(scale=reach / 2, size=(24, 3))]):
-        out = away[wrong]
-        origins = points[wrong] + reach * out + shift - out * (out @ shift)[:, None]
-        right = np.zeros(len(wrong), bool)
-        for distance, enters, leaf in surfaces(scene, origins, -out):
-            right |= enters & (leaf == owner[chosen[wrong]]) & (np.abs(distance - reach) < reach)
-        wrong = wrong[~right]
-        if not len(wrong):
-            break
+    for shifts in np.zeros((1, 1, 3)), rng.normal(scale=reach / 2, size=(24, 1, 3)):
+        out = np.broadcast_to(away[wrong], (len(shifts), len(wrong), 3))
+        origins = points[wrong] + reach * out + shifts - out * (out * shifts).sum(-1, keepdims=True)
+        right = np.zeros(out.shape[:2], bool)
+        for distance, enters, leaf in surfaces(scene, origins.reshape(-1, 3), -out.reshape(-1, 3)):
+            here = enters & (np.abs(distance - reach) < reach)
+            right |= here.reshape(right.shape) & (leaf.reshape(right.shape) == owner[chosen[wrong]])
+        wrong = wrong[~right.any(0)]
     return len(wrong)
 
 
@@ -440,9 +439,8 @@ def wrong_pixels(scene, camera, seen):
 
     found = seen(*rays(i, j))
     wrong = np.flatnonzero(found != first_surfaces(scene, *rays(i, j))[0])
-    for radius in (0.25, 0.5, 1.0):
-        for angle in np.arange(16) * np.pi / 8:
-            if len(wrong):
-                x, y = i[wrong] + radius * np.cos(angle), j[wrong] + radius * np.sin(angle)
-                wrong = wrong[first_surfaces(scene, *rays(x, y))[0] != found[wrong]]
+    radius, angle = (a.reshape(-1, 1) for a in np.meshgrid((0.25, 0.5, 1.0), np.arange(16) * np.pi / 8))
+    x, y = i[wrong] + radius * np.cos(angle), j[wrong] + radius * np.sin(angle)
+    near = first_surfaces(scene, *rays(x.ravel(), y.ravel()))[0].reshape(x.shape)
+    wrong = wrong[(near != found[wrong]).all(0)]
     return np.stack([i[wrong], j[wrong]], axis=1)

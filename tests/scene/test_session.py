@@ -11,6 +11,7 @@ import pytest
 from mitsuba_prosim import registry
 from mitsuba_prosim.engine.estimator import Estimator
 from mitsuba_prosim.scene import scene_file, session
+from scenes import in_threads
 
 
 def test_message_without_a_traceback_and_with_its_cause():
@@ -51,6 +52,22 @@ def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
     )
     scene_file.instantiate(scene_file.parse(path, {}))
     assert asked == [parallel]
+
+
+@pytest.mark.parametrize("launched", [True, False])
+def test_kernels_keep_their_threads(variant_rgb, launched):
+    """Those that still run, and those that are still to be launched. Mitsuba's films add to a copy for each thread."""
+
+    def counted():
+        i = dr.arange(mi.UInt32, 2**20)
+        sums = dr.zeros(mi.Float, 64)
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, mi.Float(1), i % 64, mode=dr.ReduceMode.Expand)
+        if launched:
+            dr.eval(sums)
+        with session.threads(3):
+            return np.array(sums)
+
+    assert (in_threads(2, counted) == 2**14).all()
 
 
 @pytest.mark.parametrize("other", ["load", "trace"])

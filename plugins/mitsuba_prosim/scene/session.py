@@ -124,11 +124,20 @@ def threads(count: int | None) -> Iterator[None]:
     1.5 may, very rarely, wait forever when threads end.
     """
     before = dr.thread_count()
-    if count is None:
+    if count in (None, before):
         yield
         return
-    dr.set_thread_count(count)
+    _set_thread_count(count)
     try:
         yield
     finally:
-        dr.set_thread_count(before)
+        _set_thread_count(before)
+
+
+def _set_thread_count(count: int) -> None:
+    """Waits for all kernels first: those that add to a copy of an array for each thread, as Mitsuba's films do, would
+    write beyond the copies of which there are as many as there were threads.
+    """
+    dr.eval()
+    dr.sync_thread()
+    dr.set_thread_count(count)

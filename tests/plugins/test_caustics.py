@@ -128,6 +128,32 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     assert np.abs(np.array(L).T - expected).max() < 1e-4 * np.abs(expected).max()
 
 
+def sun(kind, far):
+    """A sun at the distance ``far``: a direction, a point or a ball."""
+    place = [0.6 * far, 0.8 * far, 0]
+    if kind == "directional":
+        return {"type": kind, "direction": (-0.6, -0.8, 0)}
+    return {"type": kind, "position": place, "intensity": far**2} if kind == "point" else lamp(far / 10, 30.0, place)
+
+
+@pytest.mark.parametrize("kind", ("directional", "point", "sphere"))
+def test_a_far_lamp_or_a_wide_ground_loses_no_light(variant_rgb, kind):
+    """A glass ball focuses the light of a sun at a spot of the ground, as much as if all were near."""
+    spots, widths = [], []
+    for far in (1e3, 1e5):
+        things = {"floor": rectangle(T().rotate((1, 0, 0), -90).scale(far)), "sun": sun(kind, far)}
+        world = load_scene(sensor=view(4), ball=ball({"type": "dielectric"}), **things)
+        caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
+        i, caustics.sources.per_pair = dr.arange(mi.UInt32, 1 << 15), mi.Float(1 << 15)
+        start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
+        landed, _ = caustics.tracer(start, i)
+        near = landed.valid & (dr.norm(landed.p - mi.Point3f(-0.7, 0, 0)) < 0.5)
+        spots.append(dr.sum(dr.select(near, landed.flux.x, 0))[0])
+        widths.append(caustics.footprint.width(mi.Point3f(0))[0])
+    assert spots[1] == pytest.approx(spots[0], rel=0.01)
+    assert widths[1] == pytest.approx(widths[0], rel=0.01)
+
+
 # ---------------------------------------------------------------- the same bits
 
 

@@ -282,12 +282,14 @@ class Sources:
         """Emits photons from points on emitting surfaces."""
         center, radius = self.targets.at(sample.target)
         ps = self.methods.sample_position(emitter, sample.on_source, active)
-        x, per_area = ps.p, mi.Float(ps.pdf)
+        # A ray starts a little above the surface: far from the origin so much that it must be aimed from there.
+        ray = mi.SurfaceInteraction3f(ps, sample.wavelengths).spawn_ray(ps.n)
+        x, per_area = ray.o, mi.Float(ps.pdf)
         d = direction_to_sphere(x, center, radius, sample.on_target)
         density = per_area * self.per_pair * self.targets.density(x, d, False, active, sample.target)
         cos = dr.dot(ps.n, d)
         active = active & (cos > 0) & (density > 0)
-        ray = mi.SurfaceInteraction3f(ps, sample.wavelengths).spawn_ray(d)
+        ray.d = d
         met, lit = self._first_hit(sample, ray, active)
         ds = mi.DirectionSample3f(ps)
         ds.d, ds.dist, ds.emitter = -d, dr.norm(met.p - x), emitter

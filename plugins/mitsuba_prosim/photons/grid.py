@@ -16,8 +16,8 @@ from ..engine.camera import without_crop_window
 from ..masks import fold
 from ..sampling.hash import combine
 
-#: Minimum width of a pixel, as a fraction of the scene's radius.
-MIN_PIXEL_WIDTH = 1e-5
+#: Minimum width of a pixel, as a fraction of the scene's radius, which a wide ground may make large.
+MIN_PIXEL_WIDTH = 1e-8
 
 #: This width for sensors whose rays tell of no pixels: a meter of one ray, or ``batch``.
 WIDTH_WITHOUT_PIXELS = 1e-3

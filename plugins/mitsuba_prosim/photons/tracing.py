@@ -29,6 +29,10 @@ FAINT = 0.5
 #: bright as hundreds. The bound loses about a thousandth of the light that a tessellated ball gathers.
 MAX_COSINE_RATIO = 8
 
+#: Ratio of the distance of a light source to the extent of the coordinates, beyond which photons start nearer. Rounding
+#: would otherwise put their first surface point so far from the surface that they meet the surface again.
+FAR = 100
+
 
 @dataclass
 class State:
@@ -111,10 +115,15 @@ class PhotonTracer:
 
     def _intersect(self, state: State) -> tuple[Hit, mi.MediumPtr]:
         """Returns the points that the photons meet, with the flux that absorption leaves, and the medium before."""
-        si, d = self.scene.ray_intersect(state.ray, state.active), state.ray.d
+        ray, d = state.ray, state.ray.d
+        si = self.scene.ray_intersect(ray, state.active)
         surface = state.active & si.is_valid()
+        far = surface & (state.level == 0) & (si.t > FAR * (1 + dr.norm(si.p)))
+        skipped = dr.select(far, si.t * 0.999, 0)
+        si = dr.select(far, self.scene.ray_intersect(mi.Ray3f(ray(skipped), d, ray.time, ray.wavelengths), far), si)
+        surface &= si.is_valid()
         medium = medium_before(si, state.medium, d, surface & (state.level == 0))
-        flux = state.flux * transmittance(medium, si.wavelengths, si.t, surface)
+        flux = state.flux * transmittance(medium, si.wavelengths, skipped + si.t, surface)
         surface &= dr.max(flux) > 0
         bsdf = si.bsdf()
         # A photon that lands is multiplied by cos(shading normal) / cos(facet's normal). Without this ratio, facets at

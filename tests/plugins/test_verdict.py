@@ -95,6 +95,11 @@ def black():
     hiding, soot, deep = {"type": "prosim_adaptive", "nested": HIDING}, diffuse(0, 0, 0), PATHS | {"max_level": -1}
     overhead, above = bulb((0, 9, 0)), rectangle(T().translate([0, 20, 0]).rotate([1, 0, 0], 90).scale(600))
     mirrored = {"floor": pane(MIRROR), "chalk": pane(MIRROR), "above": above} | overhead
+    shade, opaque = ball(diffuse(0.2, 0.2, 0.2), radius=1.5), {"type": "mask", "opacity": 1.0, "b": {"type": "diffuse"}}
+    both, below = {"type": "twosided", "b": {"type": "diffuse"}}, {"origin": (0, -4, 7)}
+    crop = scene(chalk=POINT, floor=ball(soot))
+    crop["sensor"]["film"] |= {"width": 320, "crop_width": 8}
+    other = scene(target=(0, 0.5, 14), **overhead) | {"second": camera((0, 3, 7), (0, 0, 0), film(8))}
     upwards = {"type": "spot", "to_world": T().look_at([0, 5, 0], [0, 9, 0], [1, 0, 0])}
     return [
         (scene(), "the scene has no lights"),
@@ -112,7 +117,21 @@ def black():
         (scene(hiding, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
         (scene(HIDING, (0, 20, 0), sky=SKY["sky"]), "hide_emitters of the integrator hides them"),
         (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **overhead), "masks with nothing"),
-        (scene(vase=ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), **bulb()), "Are the lights enclosed"),
+        (scene(vase=ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), **bulb()), "such as that of vase: are the lights"),
+        # Light that arrives at the other side of a surface does not count,
+        (scene(room=ball(diffuse(0.5, 0.5, 0.5), radius=40), sky=SKY["sky"]), "such as that of room: "),
+        (scene(room=ball(both, radius=40), floor=pane(both, 60), sun=SUN), "such as that of room: "),
+        (scene(origin=(-2.5, 0.5, 0), chalk=ball(both, (-2.5, 0.5, 0), 0.5), **overhead), "such as that of chalk: "),
+        (scene(floor=pane(both, 60), chalk=pane(both), **below, sun=SUN), "other side of the visible surfaces"),
+        (scene(floor=pane(both) | area(1), chalk=ball(both, (0, 3, 0), 0.1), **below), "other side of the visible"),
+        # nor does light that only an opaque mask or an opaque thing around glass hides.
+        (
+            scene(origin=(0, 1, 7), screen=pane(opaque, 90), bulb=POINT | {"position": [0, 5, 0]}),
+            "such as that of screen: ",
+        ),
+        (scene(vase=ball(GLASS), shade=shade, bulb=POINT), "they lie in shadow"),
+        (crop, "nothing is in the crop window"),
+        (other, "is another sensor of the scene meant?"),
     ]
 
 
@@ -122,6 +141,7 @@ def test_black_image_has_a_reason(variant_rgb):
         loaded = mi.load_dict(made)
         told = reason(loaded, loaded.sensors()[0], np.zeros((1, 1, 3)))
         assert says in told, told
+    assert "negative" in reason(loaded, loaded.sensors()[0], np.full((1, 1, 3), -0.5))
     grey, light = (reason(loaded, loaded.sensors()[0], np.full((1, 1, 3), value)) for value in (1.4e-4, 1.6e-4))
     assert "its brightest value is 0.00014, white being 1" in grey and light is None
 
@@ -201,13 +221,16 @@ def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb):
     assert denoised_words(final, interrupted=True) == "not denoised: interrupted"
 
 
-@pytest.mark.parametrize("radiance, told", [(4e6, "Half of the picture is brighter than "), (1, "")])
-def test_picture_that_is_much_brighter_than_white_is_told(variant_rgb, radiance, told):
-    """Its error can't be small, as it is that of the displayed picture."""
-    sky = {"type": "constant", "radiance": rgb(*[radiance] * 3)}
+@pytest.mark.parametrize(
+    "radiance, noise, told",
+    [(4e6, 1e-4, "white being 1: dim"), (20, 0.5, "white being 1: dim"), (1, 1e-4, ""), (-1, 0.5, "are negative")],
+)
+def test_picture_with_unlikely_values_is_told(variant_rgb, radiance, noise, told):
+    """Whether the noise is reached or not."""
+    lamps = {"bulb": POINT, "sky": {"type": "constant", "radiance": rgb(*[radiance] * 3)}}
     integrator = {"type": "prosim_adaptive", "nested": PATH, "max_samples": 8}
-    end = mitsuba_prosim.render(mi.load_dict(scene(integrator, sky=sky)), noise=1e-4, progress=False).verdict
-    assert told in end and ("white" in end) == bool(told)
+    end = mitsuba_prosim.render(mi.load_dict(scene(integrator, **lamps)), noise=noise, progress=False).verdict
+    assert told in end and ("dim" in end or "negative" in end) == bool(told)
 
 
 def test_good_image_has_no_cause(variant_rgb):

@@ -34,6 +34,8 @@ FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
 FURTHER, ATTEMPTS, SECONDS, SMALL = 4096, 3, 1.5, 1 << 18
 #: A median of the luminance that is too bright; white is 1.
 BRIGHT = 8.0
+#: A fraction of the pixels that is too large for negative values by the film's filter.
+NEGATIVE = 0.1
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 
@@ -89,11 +91,7 @@ def verdict(
     sentences = [", ".join(parts)]
     if integrator is not None and isinstance(render, Render):
         ignored = ignored_media(render)
-        sentences += [
-            ignored,
-            too_shallow(render, integrator),
-            too_bright(render) if ended in ("time", "samples") else "",
-        ]
+        sentences += [ignored, too_shallow(render, integrator), too_bright(render), negative(render)]
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):  # the image is finished, and must not be lost
                 sentences.append(cause(render, integrator, file))
@@ -212,13 +210,18 @@ def light_of(render: Render) -> np.ndarray:
 
 
 def too_bright(render: Render) -> str:
-    """Returns a sentence that the image is much brighter than white; empty if it is not. The error of such an image is
-    large, because it is that of the displayed image.
-    """
+    """Returns a sentence that the image is much brighter than white; empty if it is not."""
     middle = float(np.median(light_of(render)))
     if not limits(render) or not BRIGHT < middle < np.inf:
         return ""
     return f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
+
+
+def negative(render: Render) -> str:
+    """Returns a sentence that much of the image is negative, not only edges that a filter sharpens; empty if not."""
+    share = np.mean(light_of(render) < 0)
+    cause = "a texture, material or lamp has negative values"
+    return f"{share:.0%} of the pixels are negative: {cause}" if share > NEGATIVE else ""
 
 
 def _errors(render: Render, ended: str | None) -> list[str]:

@@ -45,6 +45,8 @@ def reason(
     if brightest > 0:
         enough = brighter.format(f"{exposure + math.ceil(-math.log2(brightest)):g}")
         text = f"its brightest value is {brightest:.2g}, white being 1. {enough}, and so do brighter lights."
+    elif np.any(colours < 0):
+        text = "its values are 0 or negative: a lamp, texture or material has negative values."
     elif (integrator := innermost(scene.integrator())) and integrator.class_name() == AOV:
         text = f"aov alone computes only its channels, such as {integrator.aov_names()[0]}; nest path in it for light."
     elif not scene.emitters():
@@ -73,8 +75,13 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
         if dr.any(lamps) and dr.all(~visible | lamps):
             return "only lamps are in view, and hide_emitters of the integrator hides them."
     if not dr.any(visible):
-        return "nothing is in view. Does the camera look at the scene, and between its clipping planes?"
-    if dr.all(~visible | (dr.dot(si.n, ray.d) > 0)):
+        film, others = sensor.film(), len(scene.sensors()) > 1
+        where = "nothing is in the crop window" if dr.any(film.crop_size() != film.size()) else "nothing is in view"
+        return (
+            f"{where}, or it is tiny. Does the camera look at the scene, and between its clipping planes?"
+            + " Or is another sensor of the scene meant?" * others
+        )
+    if dr.all(~visible | ((dr.dot(si.n, ray.d) > 0) & ~lobes.has_any(si.bsdf().flags(), "BackSide"))):
         return (
             "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out "
             "(in Mitsuba, the material twosided is on both sides)."
@@ -89,26 +96,48 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
     dr.eval(ds, light)
     lit = si.is_valid() & (dr.max(mi.unpolarized_spectrum(light)) > 0)
     if not dr.any(lit):
-        return "no light arrives at the visible surfaces: the lights shine elsewhere, or are dark."
+        return (
+            "no light arrives at the visible surfaces: the lights shine elsewhere (an area light to the side of its "
+            "normal), or are dark."
+        )
     if dr.all(~lit | (passed > deepest)):
         return f"{limit} ends all rays before they find light: allow more reflections."
-    lit &= dr.dot(si.n, ds.d) > 0  # the light arrives at the outer side of the surface
+    lit &= dr.dot(si.n, ds.d) * dr.sign(dr.dot(si.n, si.to_world(si.wi))) > 1e-4  # at the side that the eye sees
+    if not dr.any(lit):
+        return (
+            "the lights shine only on the other side of the visible surfaces, or along them. Are the lights or the eye "
+            "behind them?"
+        )
     shadow_ray = si.spawn_ray_to(ds.p)
-    if dr.any(lit & ~scene.ray_test(shadow_ray, lit)):
+    first = hit = scene.ray_intersect(shadow_ray, lit)
+    dr.eval(hit)
+    if dr.any(lit & ~hit.is_valid()):
         return (
-            "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, or mirrors or "
-            "glass that show something black?"
+            "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, one-sided (see "
+            "twosided), or mirrors or glass that show something black?"
         )
-    blocker = scene.ray_intersect(shadow_ray, lit)
-    dr.eval(blocker)
-    clear = np.flatnonzero(lobes.has_any(blocker.bsdf().flags(), *lobes.REFRACTED))
-    if clear.size:
-        name = name_of(blocker.shape[int(clear[0])])
-        return (
-            f"light reaches the visible surfaces only through glass or a mask, such as {name}, where shadow rays "
-            "end. Photons (caustics) find it, or paths that meet a lamp with an extent."
-        )
-    return "no light arrives at the visible surfaces: they lie in shadow. Are the lights enclosed, or behind a wall?"
+    for _ in range(PASSED):  # straight on, as if glass did not bend light
+        null = dr.max(mi.unpolarized_spectrum(hit.bsdf().eval_null_transmission(hit, lit)))
+        lit &= lobes.has_any(hit.bsdf().flags(), *lobes.THROUGH) | (null > 0)
+        shadow_ray = hit.spawn_ray_to(ds.p)
+        hit = scene.ray_intersect(shadow_ray, lit)
+        dr.eval(hit, lit)
+        if dr.any(reached := lit & ~hit.is_valid()):
+            return (
+                f"light reaches the visible surfaces only through glass or a mask, such as {_most(first, reached)}, "
+                "where shadow rays end. Photons (caustics) find it, or paths that meet a lamp with an extent."
+            )
+    shade = _most(first, first.is_valid())
+    return (
+        f"no light arrives at the visible surfaces: they lie in shadow, such as that of {shade}: are the lights or "
+        "the eye enclosed, or behind a wall?"
+    )
+
+
+def _most(si: mi.SurfaceInteraction3f, active: mi.Bool) -> str:
+    """Returns the name of the shape that most of the ``active`` points lie on."""
+    numbers = np.array(dr.reinterpret_array(mi.UInt32, si.shape)) * np.array(active)
+    return name_of(si.shape[int(np.argmax(numbers == 1 + np.argmax(np.bincount(numbers)[1:])))])
 
 
 def _after_mirrors(

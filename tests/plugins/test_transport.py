@@ -12,7 +12,22 @@ from mitsuba_prosim.compat import to_world_name
 from mitsuba_prosim.transport import lobes, workarounds
 from mitsuba_prosim.transport.absorption import absorbs_any, media_of
 from mitsuba_prosim.transport.scattering import Scattering
-from scenes import FLAT, T, area, bitmap, camera, diffuse, film, load_scene, rectangle, rgb, slow, sphere_lamp, without
+from scenes import (
+    FLAT,
+    T,
+    area,
+    bitmap,
+    camera,
+    diffuse,
+    film,
+    load_scene,
+    rectangle,
+    rgb,
+    slow,
+    sphere_lamp,
+    without,
+    write_square,
+)
 
 BLACK = {"type": "diffuse", "reflectance": 0.0}
 PRINCIPLED = {"type": "principled", "base_color": 0.5, "roughness": 0.4}
@@ -96,6 +111,24 @@ def test_nothing_is_seen_beyond_far_clip(variant_rgb, sensor, hidden):
         return np.array(mi.render(scene, spp=4))
 
     assert np.all(image(3.0) == 0) and np.allclose(image(7.0), 0.5, atol=1e-5)
+
+
+@pytest.mark.parametrize("more", [{"caustics": True}, {"diffuse_bounces": -1}])
+def test_a_mesh_with_normals_of_length_zero_is_black(variant_rgb, tmp_path, logged, more):
+    """As in ``path``. Its shading frames are NaN, which spread to all paths that met it."""
+    board = write_square(tmp_path / "board.ply", normals=np.zeros(12, np.float32)) | {"to_world": T().scale(3)}
+    wall = rectangle(T().translate([0, 0, -1]).scale(9))
+    things = {
+        "board": board,
+        "wall": wall,
+        "mirror": {"type": "sphere", "center": [3, 0, 1], "bsdf": {"type": "conductor"}},
+    }
+    view = camera([0, 0, 9], [0, 0, 0], film(8), fov=60)
+    lamps = {f"lamp{x}": sphere_lamp([x, 2, 3], 0.3, 9.0) for x in (1, 2)}
+    scene = load_scene(sensor=view, **lamps, **things)
+    integrator = mi.load_dict({"type": "prosim", "max_level": 2, **more})
+    image = np.array(mi.render(scene, integrator=integrator, spp=16))
+    assert not logged and image[4, 4].max() == 0 < image[0, 0].min()
 
 
 @pytest.mark.parametrize("light", [{}, {"light": {"type": "prosim_point"}}], ids=["no light", "a point"])

@@ -70,7 +70,11 @@ def shade(context: Context, ray: Ray, camera: mi.Ray3f, points: Points, active: 
 
 
 def vertex_at(context: Context, ray: Ray, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Vertex:
-    """Returns the :class:`.Vertex` at ``si``, where ``ray`` ends; ``active`` tells in which lanes it met a surface."""
+    """Returns the :class:`.Vertex` at ``si``, where ``ray`` ends; ``active`` tells in which lanes it met a surface.
+
+    Where a mesh has normals of length 0, the shading frame is NaN, and it scatters nothing, as in Mitsuba's ``path``.
+    """
+    active = active & dr.isfinite(mi.Frame3f.cos_theta(si.wi))
     bsdf = si.bsdf()
     flags = bsdf.flags()
     smooth = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)

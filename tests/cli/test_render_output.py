@@ -269,8 +269,6 @@ def test_time_limit_reports_an_upper_bound_of_the_error(noisy, variant_rgb):
 
 
 def test_integrators_that_can_not_measure_the_noise(scene):
-    scene.write_text(scene_text('<integrator type="ptracer"/>'))
-    refused("one integrator that takes samples from a sensor", "render", scene, "--noise", 0.1)
     scene.write_text(scene_text('<integrator type="prosim"><float name="noise" value="0.1"/></integrator>'))
     refused("noise: scalar_rgb", "render", scene, "-m", "scalar_rgb")
 

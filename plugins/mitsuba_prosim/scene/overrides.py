@@ -29,6 +29,9 @@ Window: TypeAlias = "tuple[int, int, int, int] | None"
 #: Mitsuba's materials through which a ray may pass straight on.
 HOLES = ("mask", "null", "thindielectric", "polarizer", "circular", "retarder")
 
+#: Why integrators that take no samples from a sensor have no targets.
+FROM_LAMPS = "{} follows light from the lamps, and has no target; give --spp (in Python spp) alone, or --paths"
+
 #: The parameters of a film for the crop window.
 CROP = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
 
@@ -98,6 +101,14 @@ def apply(
             f"only the integrators prosim and prosim_adaptive have {option_names(sampling)}; this scene's is {named}. "
             f"Any of {option_names(WRAPPING)} puts one of them in its place"
         )
+    return _nest(state, props, sampling)
+
+
+def _nest(state: mi.parser.ParserState, props: mi.Properties, sampling: dict[str, Any]) -> str:
+    """Nests the integrator with these properties in ``prosim_adaptive``, and returns this in words."""
+    plugin = props.plugin_name()
+    if plugin == "ptracer":
+        raise ValueError(FROM_LAMPS.format(plugin))
     wrapper = mi.Properties("prosim_adaptive")
     _set(wrapper, [("nested", _add(state, mi.ObjectType.Integrator, props)), *sampling.items()])
     outer, inner = next(node for node in _integrators(state) if node.props.plugin_name() == plugin), state.nodes[-1]

@@ -16,6 +16,7 @@ from ..optics.nested import all_flags, all_shapes
 from ..parameters import check_samples
 from ..registry import create
 from ..sampling.hash import combine, hash32
+from .overrides import FROM_LAMPS
 
 
 def is_progressive(integrator: mi.Integrator) -> bool:
@@ -35,6 +36,8 @@ def with_targets(integrator: mi.Integrator, scene: mi.Scene) -> Any:
     if is_progressive(integrator):
         return integrator
     limits = re.fullmatch(r"PathIntegrator\[\s*max_depth = (\d+),\s*rr_depth = (\d+)\s*\]", description(integrator))
+    if not isinstance(integrator, mi.SamplingIntegrator):
+        raise ValueError(FROM_LAMPS.format(description(integrator).partition("[")[0]))
     if limits is None:
         return create("prosim_adaptive", nested=integrator)
     media = [shape for shape in all_shapes(scene) if shape.is_medium_transition()]

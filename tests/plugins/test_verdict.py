@@ -154,7 +154,7 @@ def test_reason_of_a_black_image_compiles_no_kernel_for_each_mirror(variant_rgb,
     for passed in (3, 16):
         monkeypatch.setattr("mitsuba_prosim.scene.black.PASSED", passed)
         found.append(kernels(lambda: reason(room, room.sensors()[0], np.zeros((1, 1, 3)))))
-    assert found[0] == found[1]
+    assert found[1] <= found[0]
 
 
 @pytest.mark.parametrize("weak, named", [({}, "bulb"), (bulb((-1, 5, 0), 0.3, 2.0), "lamps")])
@@ -231,6 +231,31 @@ def test_picture_with_unlikely_values_is_told(variant_rgb, radiance, noise, told
     integrator = {"type": "prosim_adaptive", "nested": PATH, "max_samples": 8}
     end = mitsuba_prosim.render(mi.load_dict(scene(integrator, **lamps)), noise=noise, progress=False).verdict
     assert told in end and ("dim" in end or "negative" in end) == bool(told)
+
+
+def lacking():
+    """Scenes, and which thing hides the light that they lack, if any."""
+    tree, screen = {"type": "prosim"}, {"type": "mask", "opacity": 0.5, "b": {"type": "diffuse"}}
+    caustics = PATHS | {"caustics": True, "caustic_photons": 1000}
+    return [
+        (scene(vase=ball(GLASS), bulb=POINT, **SKY), "vase"),
+        (scene({"type": "direct"}, vase=ball(GLASS), bulb=POINT, **SKY), "vase"),
+        (scene(PATHS, pane=pane(GLASS, 9), sun=SUN, **SKY), "pane"),
+        (scene(pane=pane(screen, 9), sun=SUN, **SKY), "pane"),
+        (scene(tree, vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), "vase"),
+        (scene(vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), ""),  # paths meet the bulb
+        (scene(vase=ball(GLASS), sun=SUN, **SKY), ""),  # a small shadow
+        (scene(pane=pane({"type": "diffuse"}, 9), vase=ball(GLASS), sun=SUN, **SKY), ""),
+        (scene(caustics, vase=ball(GLASS), bulb=POINT, **SKY), ""),
+    ]
+
+
+@pytest.mark.slow
+def test_light_that_is_lost_behind_glass_is_told(variant_rgb):
+    """The error that is measured does not contain it."""
+    for made, glass in lacking():
+        told = mitsuba_prosim.render(mi.load_dict(made), spp=4, progress=False).verdict
+        assert f"light is missing: through {glass}, only photons" in told or not (glass or "missing" in told), told
 
 
 def test_good_image_has_no_cause(variant_rgb):

@@ -6,6 +6,7 @@ from contextlib import suppress
 from math import isnan, log2
 from typing import TYPE_CHECKING, Any
 
+import mitsuba as mi
 import numpy as np
 
 from ..compat import description
@@ -13,8 +14,8 @@ from ..engine.error_target import UNCERTAIN
 from ..engine.policies import mean_around
 from ..engine.render import Render
 from ..engine.standard_error import in_display_units
-from ..optics.nested import all_shapes
-from ..scene.black import depth_limit
+from ..optics.nested import all_flags, all_shapes
+from ..scene.black import depth_limit, lost_behind_glass
 from ..scene.images import luminance
 from ..transport import lobes
 
@@ -92,8 +93,10 @@ def verdict(
     if integrator is not None and isinstance(render, Render):
         ignored = ignored_media(render)
         sentences += [ignored, too_shallow(render, integrator), too_bright(render), negative(render)]
+        with suppress(Exception):  # the image is finished, and must not be lost
+            sentences.append(lost(render))
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
-            with suppress(Exception):  # the image is finished, and must not be lost
+            with suppress(Exception):
                 sentences.append(cause(render, integrator, file))
     return ". ".join(filter(None, [*sentences, late]))
 
@@ -123,8 +126,7 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
     Further samples of the pixel tell the light, unless they vary much less than those of the image. A time limit of a
     render may leave no time for them.
     """
-    limit, error = render.target.seconds, np.float64(render.error())
-    late = limit and render.target.elapsed + SECONDS > 1.05 * limit
+    late, error = is_late(render), np.float64(render.error())
     if late and error.size > SMALL:
         return ""
     light = light_of(render)
@@ -215,6 +217,26 @@ def too_bright(render: Render) -> str:
     if not limits(render) or not BRIGHT < middle < np.inf:
         return ""
     return f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
+
+
+def is_late(render: Render) -> bool:
+    """Tells whether a time limit leaves too little time to look for a cause."""
+    limit = render.target.seconds
+    return bool(limit and render.target.elapsed + SECONDS > 1.05 * limit)
+
+
+def lost(render: Render) -> str:
+    """Returns a sentence that the image lacks light of lamps behind glass and masks; empty if not, and if a time limit
+    leaves too little time to know.
+    """
+    estimator, name = render.state.estimator, nested_name(render)
+    transport, scene = estimator.transport, estimator.scene
+    paths = not getattr(getattr(transport, "settings", None), "follows_tree", False)
+    points = any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters())
+    if transport.caustics or name not in ("", *SURFACES) or is_late(render) or (paths and not points):
+        return ""
+    glass = lobes.has_any(all_flags(scene), *lobes.REFRACTED)
+    return lost_behind_glass(scene, estimator.sensor, paths) if glass else ""
 
 
 def negative(render: Render) -> str:

@@ -1,4 +1,4 @@
-"""Finds the reason why a rendered image is black, for an error message."""
+"""Finds the reason why a rendered image is black or lacks light, for a message."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ SIDE = 64
 
 #: Maximum number of mirrors and glass surfaces that a camera ray passes.
 PASSED = 16
+
+#: A part of the light that is too large to be missing without a word.
+LOST = 0.1
 
 #: Advice for an image that is too dark; ``{}`` is the exposure in stops.
 IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the PNG"
@@ -59,16 +62,8 @@ def reason(
 
 
 def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
-    """Returns why a scene with lights is black, by :data:`SIDE` x :data:`SIDE` camera rays, which mirrors, glass and
-    masks pass on, and a point on a light for each surface point that they meet.
-
-    These points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
-    """
-    k = dr.arange(mi.Float, SIDE * SIDE)
-    x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
-    ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5), True)
-    si = scene.ray_intersect(ray)
-    dr.eval(ray, si)  # as below, so that no kernel computes again what others have
+    """Returns why a scene with lights is black, by the points that the camera sees, and their points on lights."""
+    ray, si = _seen(scene, sensor)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
     if getattr(innermost(integrator), "hide_emitters", False):
         lamps = si.emitter(scene) != None  # noqa: E711
@@ -86,15 +81,10 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
             "all visible surfaces show their inner side: the eye is within a solid, or a mesh is turned inside out "
             "(in Mitsuba, the material twosided is on both sides)."
         )
-    on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
-    on_light -= dr.floor(on_light)
-    si, passed = _after_mirrors(scene, si, ray, on_light)
+    si, passed, ds, light = _lit(scene, si, ray)
     if not dr.any(si.is_valid()):
         return "the visible surfaces are mirrors, glass or masks with nothing behind or around them."
-    # False: without a test for shadows, which follows below.
-    ds, light = scene.sample_emitter_direction(si, on_light, False, si.is_valid())
-    dr.eval(ds, light)
-    lit = si.is_valid() & (dr.max(mi.unpolarized_spectrum(light)) > 0)
+    lit = light > 0
     if not dr.any(lit):
         return (
             "no light arrives at the visible surfaces: the lights shine elsewhere (an area light to the side of its "
@@ -102,36 +92,95 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
         )
     if dr.all(~lit | (passed > deepest)):
         return f"{limit} ends all rays before they find light: allow more reflections."
-    lit &= dr.dot(si.n, ds.d) * dr.sign(dr.dot(si.n, si.to_world(si.wi))) > 1e-4  # at the side that the eye sees
+    lit &= _cosine(si, ds) > 1e-4
     if not dr.any(lit):
         return (
             "the lights shine only on the other side of the visible surfaces, or along them. Are the lights or the eye "
             "behind them?"
         )
-    shadow_ray = si.spawn_ray_to(ds.p)
-    first = hit = scene.ray_intersect(shadow_ray, lit)
-    dr.eval(hit)
-    if dr.any(lit & ~hit.is_valid()):
+    first, through = _first_hit(scene, si, ds, lit)
+    if dr.any(lit & ~first.is_valid()):
         return (
             "light arrives at the visible surfaces, and none is reflected to the eye. Are they black, one-sided (see "
             "twosided), or mirrors or glass that show something black?"
         )
-    for _ in range(PASSED):  # straight on, as if glass did not bend light
-        null = dr.max(mi.unpolarized_spectrum(hit.bsdf().eval_null_transmission(hit, lit)))
-        lit &= lobes.has_any(hit.bsdf().flags(), *lobes.THROUGH) | (null > 0)
-        shadow_ray = hit.spawn_ray_to(ds.p)
-        hit = scene.ray_intersect(shadow_ray, lit)
-        dr.eval(hit, lit)
-        if dr.any(reached := lit & ~hit.is_valid()):
-            return (
-                f"light reaches the visible surfaces only through glass or a mask, such as {_most(first, reached)}, "
-                "where shadow rays end. Photons (caustics) find it, or paths that meet a lamp with an extent."
-            )
+    if dr.any(through > 0):
+        return (
+            f"light reaches the visible surfaces only through glass or a mask, such as {_most(first, through > 0)}, "
+            "where shadow rays end. Photons (caustics) find it, or paths that meet a lamp with an extent."
+        )
     shade = _most(first, first.is_valid())
     return (
         f"no light arrives at the visible surfaces: they lie in shadow, such as that of {shade}: are the lights or "
         "the eye enclosed, or behind a wall?"
     )
+
+
+def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool) -> str:
+    """Returns a sentence that more than :data:`LOST` of the light of lamps reaches the visible surfaces only through
+    glass or masks, where shadow rays end; empty if not. Rays of ``paths`` find the light of lamps with an extent.
+    """
+    ray, si = _seen(scene, sensor)
+    si, _, ds, light = _lit(scene, si, ray)
+    light *= dr.maximum(_cosine(si, ds), 0)
+    first, through = _first_hit(scene, si, ds, light > 0)
+    missed = first.is_valid() & (through > 0) & (ds.delta | (not paths))
+    lost, all_light = (float(dr.sum(light * part)[0]) for part in (dr.select(missed, through, 0), through))
+    if not lost > LOST * all_light:
+        return ""
+    share, name = lost / all_light, _most(first, missed)
+    return f"About {share:.0%} of the lamps' light is missing: through {name}, only photons (caustics) find it"
+
+
+def _seen(scene: mi.Scene, sensor: mi.Sensor) -> tuple[mi.Ray3f, mi.SurfaceInteraction3f]:
+    """Returns :data:`SIDE` x :data:`SIDE` camera rays, and the points that they meet."""
+    x, y = dr.meshgrid(*[dr.arange(mi.Float, SIDE) + 0.5] * 2)
+    ray, _ = sensor.sample_ray_differential(0.0, 0.5, mi.Point2f(x, y) / SIDE, mi.Point2f(0.5), True)
+    si = scene.ray_intersect(ray)
+    dr.eval(ray, si)  # as below, so that no kernel computes again what others have
+    return ray, si
+
+
+def _lit(scene: mi.Scene, si: mi.SurfaceInteraction3f, ray: mi.Ray3f) -> tuple[Any, mi.Float, Any, mi.Float]:
+    """Returns the points behind mirrors, glass and masks, how many of these a ray passes, a point on a light for each,
+    and its light without a test for shadows.
+
+    The points follow the sequence of Roberts (2018), "The Unreasonable Effectiveness of Quasirandom Sequences".
+    """
+    k = dr.arange(mi.Float, SIDE * SIDE)
+    on_light = mi.Point2f(k * 0.7548776662466927, k * 0.5698402909980532)
+    on_light -= dr.floor(on_light)
+    si, passed = _after_mirrors(scene, si, ray, on_light)
+    ds, light = scene.sample_emitter_direction(si, on_light, False, si.is_valid())
+    amount = dr.select(si.is_valid(), dr.max(mi.unpolarized_spectrum(light)), 0)
+    dr.eval(ds, amount)
+    return si, passed, ds, amount
+
+
+def _cosine(si: mi.SurfaceInteraction3f, ds: mi.DirectionSample3f) -> mi.Float:
+    """Returns the cosine of the light at the side of the surface that the eye sees."""
+    return dr.dot(si.n, ds.d) * dr.sign(dr.dot(si.n, si.to_world(si.wi)))
+
+
+def _first_hit(scene: mi.Scene, si: Any, ds: Any, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
+    """Returns what ``active`` shadow rays meet, and how much light they let through: 1 without an obstacle, and through
+    glass; less through masks.
+    """
+    ray = si.spawn_ray_to(ds.p)
+    first = hit = scene.ray_intersect(ray, active)
+    through = dr.select(active, mi.Float(1), 0)
+    dr.eval(hit, through)
+    for _ in range(PASSED):  # straight on, as if glass did not bend light
+        bsdf, meets = hit.bsdf(), hit.is_valid()
+        if not dr.any(meets):
+            break
+        null = dr.max(mi.unpolarized_spectrum(bsdf.eval_null_transmission(hit, meets)))
+        glass = lobes.has_any(bsdf.flags(), *lobes.THROUGH)
+        through *= dr.select(meets & ~glass, null, 1)
+        ray = hit.spawn_ray_to(ds.p)
+        hit = scene.ray_intersect(ray, meets & (through > 0))
+        dr.eval(hit, through)
+    return first, dr.select(hit.is_valid(), 0, through)
 
 
 def _most(si: mi.SurfaceInteraction3f, active: mi.Bool) -> str:
@@ -149,7 +198,7 @@ def _after_mirrors(
     passed = mi.Float(0)
     for _ in range(PASSED):
         active = si.is_valid()
-        bs, weight = si.bsdf(ray).sample(mi.BSDFContext(), si, u.x, u, active)
+        bs, weight = si.bsdf(ray).sample(mi.BSDFContext(), si, u.y, u, active)  # u.x chooses the lamp
         active &= lobes.has_any(bs.sampled_type, *lobes.IDEAL) & (dr.max(mi.unpolarized_spectrum(weight)) > 0)
         if not dr.any(active):
             break

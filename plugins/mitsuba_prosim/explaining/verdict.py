@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..compat import description
+from ..compat import AOV, description
 from ..engine.error_target import UNCERTAIN
 from ..engine.policies import mean_around
 from ..engine.render import Render
 from ..engine.standard_error import in_display_units
 from ..optics.nested import all_flags, all_shapes
-from ..scene.black import depth_limit, lost_behind_glass
+from ..scene.black import BLACK, depth_limit, lost_behind_glass
 from ..scene.images import luminance
 from ..transport import lobes
 
@@ -33,8 +33,8 @@ FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
 #: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, and seconds for it; and
 #: number of pixels that need no time to be sorted by their errors.
 FURTHER, ATTEMPTS, SECONDS, SMALL = 4096, 3, 1.5, 1 << 18
-#: A median of the luminance that is too bright; white is 1.
-BRIGHT = 8.0
+#: A median of the luminance that is too bright, and a maximum that is too dark; white is 1. Integrators without light.
+BRIGHT, DARK, WITHOUT_LIGHT = 8.0, 0.01, (AOV, "DepthIntegrator")
 #: A fraction of the pixels that is too large for negative values by the film's filter.
 NEGATIVE = 0.1
 #: Mitsuba's integrators that ignore media.
@@ -92,7 +92,7 @@ def verdict(
     sentences = [", ".join(parts)]
     if integrator is not None and isinstance(render, Render):
         ignored = ignored_media(render)
-        sentences += [ignored, too_shallow(render, integrator), too_bright(render), negative(render)]
+        sentences += [ignored, too_shallow(render, integrator), badly_exposed(render), negative(render)]
         with suppress(Exception):  # the image is finished, and must not be lost
             sentences.append(lost(render))
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
@@ -211,12 +211,19 @@ def light_of(render: Render) -> np.ndarray:
     return luminance(colours[..., :3]) if colours.shape[2] >= 3 else colours[..., 0]
 
 
-def too_bright(render: Render) -> str:
-    """Returns a sentence that the image is much brighter than white; empty if it is not."""
-    middle = float(np.median(light_of(render)))
-    if not limits(render) or not BRIGHT < middle < np.inf:
+def badly_exposed(render: Render) -> str:
+    """Returns a sentence that the image is much brighter than white, or almost black; empty if not."""
+    light = light_of(render)
+    middle, most = float(np.median(light)), float(np.max(light))
+    if nested_name(render) in WITHOUT_LIGHT or not limits(render):
         return ""
-    return f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
+    if BRIGHT < middle < np.inf:
+        return (
+            f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
+        )
+    if BLACK <= most < DARK:
+        return f"The picture is darker than {most:.2g}, white being 1: brighten all lights by 2^{-log2(most):.0f}"
+    return ""
 
 
 def is_late(render: Render) -> bool:

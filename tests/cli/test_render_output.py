@@ -338,6 +338,15 @@ def test_a_picture_shown_brighter_is_not_black(tmp_path):
     assert "black" not in done(*command, enough).output
 
 
+def test_what_makes_a_picture_black_has_its_name_in_the_scene(tmp_path):
+    shaded = DIM.replace("9 9 9", "0 0 .5").replace("SPHERE 0 ", "\n+ SPHERE 0\nCUBE 1\n")
+    (tmp_path / "scene.scn").write_text(shaded.replace("END", "SURFACE 1 TRANSFORM 1 TRANSLATE (2 -1 -5) END"))
+    assert (
+        "such as that of SPHERE 0 (line 3), CUBE 1 (line 4): "
+        in done("render", tmp_path / "scene.scn", "--spp", 1).output
+    )
+
+
 # ---- Links in the place of outputs
 
 

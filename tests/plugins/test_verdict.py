@@ -251,7 +251,7 @@ def lacking():
         (scene(pane=pane(screen, 9), sun=SUN, **SKY), "pane"),
         (scene(tree, vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), "vase"),
         (scene(vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), ""),  # paths meet the bulb
-        (scene(vase=ball(GLASS), sun=SUN, **SKY), ""),  # a small shadow
+        (scene(vase=ball(GLASS, radius=0.1), sun=SUN, **SKY), ""),  # a small shadow
         (scene(pane=pane({"type": "diffuse"}, 9), vase=ball(GLASS), sun=SUN, **SKY), ""),
         (scene(caustics, vase=ball(GLASS), bulb=POINT, **SKY), ""),
     ]

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import isnan
 from pathlib import Path
 from time import perf_counter
@@ -27,7 +27,7 @@ from ..engine.checkpoint import Checkpoint, CheckpointWriter
 from ..engine.error_target import REST, ErrorTarget
 from ..engine.plan import TARGETS
 from ..engine.render import Reached
-from ..explaining.verdict import ERRORS, denoised_words, end_cause, verdict
+from ..explaining.verdict import ERRORS, denoised_words, end_cause, name_in, verdict
 from ..parameters import pick_sensor
 from ..scene import black, images, rendering, scene_file, session
 from . import files
@@ -372,7 +372,10 @@ def finished_image(
     line = summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
     exposure = job.exposure or 0.0
     colours = images.colours(bitmap)
-    why_black = None if interrupted else black.reason(task.scene, task.sensor, colours, exposure=exposure)
+    why_black = None
+    if not interrupted:
+        called = partial(name_in, task.file)
+        why_black = black.reason(task.scene, task.sensor, colours, exposure=exposure, called=called)
     # The EXR has all metadata; the PNG has only the metadata of denoising.
     contents = images.encode(bitmap, header | added | dict(task.facts), exposure, added)
     return {**contents}, [line], why_black

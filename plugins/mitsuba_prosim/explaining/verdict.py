@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import mitsuba as mi
 import numpy as np
 
-from ..compat import AOV, description
+from ..compat import AOV, description, name_of
 from ..engine.error_target import UNCERTAIN
 from ..engine.policies import mean_around
 from ..engine.render import Render
@@ -94,7 +94,7 @@ def verdict(
         ignored = ignored_media(render)
         sentences += [ignored, too_shallow(render, integrator), badly_exposed(render), negative(render)]
         with suppress(Exception):  # the image is finished, and must not be lost
-            sentences.append(lost(render))
+            sentences.append(lost(render, file))
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):
                 sentences.append(cause(render, integrator, file))
@@ -226,13 +226,20 @@ def badly_exposed(render: Render) -> str:
     return ""
 
 
+def name_in(file: Any, shape: mi.Shape) -> str:
+    """Returns the name of a shape in the ``file`` of the scene, with the line; None: as Mitsuba names it."""
+    from .explanation import places  # few renders need it
+
+    return places(file).get(shape.id(), (name_of(shape),))[0] if file else name_of(shape)
+
+
 def is_late(render: Render) -> bool:
     """Tells whether a time limit leaves too little time to look for a cause."""
     limit = render.target.seconds
     return bool(limit and render.target.elapsed + SECONDS > 1.05 * limit)
 
 
-def lost(render: Render) -> str:
+def lost(render: Render, file: Any = None) -> str:
     """Returns a sentence that the image lacks light of lamps behind glass and masks; empty if not, and if a time limit
     leaves too little time to know.
     """
@@ -243,7 +250,7 @@ def lost(render: Render) -> str:
     if transport.caustics or name not in ("", *SURFACES) or is_late(render) or (paths and not points):
         return ""
     glass = lobes.has_any(all_flags(scene), *lobes.REFRACTED)
-    return lost_behind_glass(scene, estimator.sensor, paths) if glass else ""
+    return lost_behind_glass(scene, estimator.sensor, paths, lambda shape: name_in(file, shape)) if glass else ""
 
 
 def negative(render: Render) -> str:

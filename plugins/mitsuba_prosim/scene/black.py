@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -13,6 +14,9 @@ import numpy as np
 from ..compat import AOV, description, name_of
 from ..optics.nested import parts
 from ..transport import lobes
+
+#: A function that returns the name of a shape.
+Called = Callable[[Any], str]
 
 #: Half of the darkest grey value of a PNG, in linear light.
 BLACK = 0.5 / 255 / 12.92
@@ -24,21 +28,26 @@ SIDE = 64
 PASSED = 16
 
 #: A part of the light that is too large to be missing without a word.
-LOST = 0.1
+LOST = 0.02
 
 #: Advice for an image that is too dark; ``{}`` is the exposure in stops.
 IN_THE_PNG = "The EXR has these values; --exposure {} makes them bright in the PNG"
 
 
 def reason(
-    scene: mi.Scene, sensor: mi.Sensor, colours: np.ndarray | None, brighter: str = IN_THE_PNG, exposure: float = 0.0
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    colours: np.ndarray | None,
+    brighter: str = IN_THE_PNG,
+    exposure: float = 0.0,
+    called: Called = name_of,
 ) -> str | None:
     """Returns why a rendered image is black, and a remedy, in words; None if it is not black.
 
     ``colours`` are the linear colours of the image, shape (height, width, 3), or None. The image is black if all its
     colours times 2^``exposure`` are NaN or below :data:`BLACK`. ``brighter`` is the advice for an image that is only
-    too dark, in which ``{}`` is replaced by the exposure, in stops, that makes it bright. Scalar variants trace no
-    camera rays, so their reason is less exact.
+    too dark, in which ``{}`` is replaced by the exposure, in stops, that makes it bright. ``called`` gives the
+    name of a shape. Scalar variants trace no camera rays, so their reason is less exact.
     """
     if colours is None:
         return None
@@ -57,11 +66,11 @@ def reason(
     elif not dr.is_jit_v(mi.Float):
         text = "no light arrives at the visible surfaces, or nothing is in view."
     else:
-        text = _reason_by_rays(scene, sensor)
+        text = _reason_by_rays(scene, sensor, called)
     return "the picture is black: " + text
 
 
-def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
+def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor, called: Called) -> str:
     """Returns why a scene with lights is black, by the points that the camera sees, and their points on lights."""
     ray, si = _seen(scene, sensor)
     visible, integrator, (limit, deepest) = si.is_valid(), scene.integrator(), depth_limit(scene.integrator())
@@ -106,17 +115,18 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor) -> str:
         )
     if dr.any(through > 0):
         return (
-            f"light reaches the visible surfaces only through glass or a mask, such as {_most(first, through > 0)}, "
+            f"light reaches the visible surfaces only through glass or a mask, such as "
+            f"{called(_most(first, through > 0))}, "
             "where shadow rays end. Photons (caustics) find it, or paths that meet a lamp with an extent."
         )
-    shade = _most(first, first.is_valid())
+    shade = called(_most(first, first.is_valid()))
     return (
         f"no light arrives at the visible surfaces: they lie in shadow, such as that of {shade}: are the lights or "
         "the eye enclosed, or behind a wall?"
     )
 
 
-def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool) -> str:
+def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool, called: Called = name_of) -> str:
     """Returns a sentence that more than :data:`LOST` of the light of lamps reaches the visible surfaces only through
     glass or masks, where shadow rays end; empty if not. Rays of ``paths`` find the light of lamps with an extent.
     """
@@ -128,7 +138,7 @@ def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool) -> str:
     lost, all_light = (float(dr.sum(light * part)[0]) for part in (dr.select(missed, through, 0), through))
     if not lost > LOST * all_light:
         return ""
-    share, name = lost / all_light, _most(first, missed)
+    share, name = lost / all_light, called(_most(first, missed))
     return f"About {share:.0%} of the lamps' light is missing: through {name}, only photons (caustics) find it"
 
 
@@ -183,10 +193,10 @@ def _first_hit(scene: mi.Scene, si: Any, ds: Any, active: mi.Bool) -> tuple[mi.S
     return first, dr.select(hit.is_valid(), 0, through)
 
 
-def _most(si: mi.SurfaceInteraction3f, active: mi.Bool) -> str:
-    """Returns the name of the shape that most of the ``active`` points lie on."""
+def _most(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Shape:
+    """Returns the shape that most of the ``active`` points lie on."""
     numbers = np.array(dr.reinterpret_array(mi.UInt32, si.shape)) * np.array(active)
-    return name_of(si.shape[int(np.argmax(numbers == 1 + np.argmax(np.bincount(numbers)[1:])))])
+    return si.shape[int(np.argmax(numbers == 1 + np.argmax(np.bincount(numbers)[1:])))]
 
 
 def _after_mirrors(

@@ -154,6 +154,22 @@ def test_a_far_lamp_or_a_wide_ground_loses_no_light(variant_rgb, kind):
     assert widths[1] == pytest.approx(widths[0], rel=0.01)
 
 
+def test_fewer_photons_than_pairs_of_lamp_and_glass_have_the_same_power(variant_rgb):
+    """Each of the pairs had a photon in each map: 16 million with 4000 lamps and 64 balls."""
+    lamps = {f"lamp{k}": lamp(0.2, 1.0 + k, (k - 3, 3, 1)) for k in range(6)}
+    balls = {f"ball{k}": ball({"type": "dielectric"}, (k - 3, 0.8, -1), 0.4) for k in range(6)}
+    world, powers = scene(4, **lamps, **balls), []
+    for count, passes in ((1 << 16, 1), (64, 60)):
+        caustics, power = Caustics.of(world, world.sensors()[0], count, 6, True), 0
+        for number in range(passes):
+            caustics.use_pass(1, number, 4)
+            flux = vars(caustics)["_current"][0].landed.flux
+            assert 0 < dr.width(flux) <= count
+            power += dr.sum(flux.x)[0] / (16 * passes)
+        powers.append(power)
+    assert powers[1] == pytest.approx(powers[0], rel=0.1)  # some thousand photons of unequal power
+
+
 # ---------------------------------------------------------------- the same bits
 
 

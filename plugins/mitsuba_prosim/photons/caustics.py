@@ -8,6 +8,7 @@ import mitsuba as mi
 from ..compat import shapes_in_order
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
+from ..sampling.nrook import to_unit
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
@@ -91,21 +92,30 @@ class Caustics:
         L = L + diffuse_radiance(self.scattering, diffuse, number, vertex)
         return L if self.mis is None or glossy is None else L + self.mis.radiance(glossy, number, vertex)
 
-    def per_pair(self, n: int) -> int:
-        """Returns how many photons, at least 1, a pair of light source and target has in a map."""
-        return max(self.count // (self.maps(n) * self.sources.pairs), 1)
+    def per_pair(self, n: int) -> float:
+        """Returns how many photons a pair of light source and target has in a map: a whole number, or the mean number
+        if it is less than 1.
+        """
+        in_map = max(self.count // self.maps(n), 1)
+        return in_map // self.sources.pairs or in_map / self.sources.pairs
 
     def _emit(self, number: int, n: int) -> tuple[Photons, Photons | None]:
         """Returns the photons of the pass ``number`` on diffuse surfaces, and those on glossy surfaces, or None."""
-        maps, per_pair = self.maps(n), dr.opaque(mi.UInt32, self.per_pair(n))
+        maps, pairs, per_pair = self.maps(n), self.sources.pairs, self.per_pair(n)
         # Photon i belongs to one map and to one pair of a light source and a target.
-        i = dr.arange(mi.UInt32, maps * self.sources.pairs * self.per_pair(n))
-        pair_of_map = i // per_pair
-        map_of = pair_of_map // dr.opaque(mi.UInt32, self.sources.pairs)
-        pair = pair_of_map - map_of * dr.opaque(mi.UInt32, self.sources.pairs)
+        in_map = dr.opaque(mi.UInt32, round(pairs * per_pair))
+        i = dr.arange(mi.UInt32, maps * round(pairs * per_pair))
+        map_of = i // in_map
         key = combine(combine(self.key, dr.opaque(mi.UInt32, number)), 0)
-        # The points of a pair continue from map to map, so that the points of all maps together are evenly spread too.
-        points = start_points(combine(key, pair), map_of * per_pair + i - pair_of_map * per_pair)
+        if per_pair < 1:  # each photon draws one of several pairs
+            pair = mi.UInt32((i - map_of * in_map + to_unit(combine(key, i))) * dr.opaque(mi.Float, 1 / per_pair))
+            pair, of_pair = dr.minimum(pair, dr.opaque(mi.UInt32, pairs - 1)), i
+        else:
+            pair_of_map = i // dr.opaque(mi.UInt32, per_pair)
+            pair = pair_of_map - map_of * dr.opaque(mi.UInt32, pairs)
+            # The points of a pair continue from map to map, so that all of them together are evenly spread too.
+            of_pair = map_of * dr.opaque(mi.UInt32, per_pair) + i - pair_of_map * dr.opaque(mi.UInt32, per_pair)
+        points = start_points(combine(key, pair), of_pair)
         wavelengths = self._wavelengths(dr.opaque(mi.UInt32, number * maps) + map_of)
         start = self.sources.start(pair, *points, wavelengths)
         diffuse, glossy = self.tracer(start, combine(key, i + 1))

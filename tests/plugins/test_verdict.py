@@ -243,14 +243,17 @@ def test_picture_with_unlikely_values_is_told(variant_rgb, radiance, noise, told
 def lacking():
     """Scenes, and which thing hides the light that they lack, if any."""
     tree, screen = {"type": "prosim"}, {"type": "mask", "opacity": 0.5, "b": {"type": "diffuse"}}
-    caustics = PATHS | {"caustics": True, "caustic_photons": 1000}
+    caustics, rough = PATHS | {"caustics": True, "caustic_photons": 1000}, {"type": "roughdielectric", "alpha": 0.2}
     return [
         (scene(vase=ball(GLASS), bulb=POINT, **SKY), "vase"),
         (scene({"type": "direct"}, vase=ball(GLASS), bulb=POINT, **SKY), "vase"),
         (scene(PATHS, pane=pane(GLASS, 9), sun=SUN, **SKY), "pane"),
         (scene(pane=pane(screen, 9), sun=SUN, **SKY), "pane"),
         (scene(tree, vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), "vase"),
-        (scene(vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), ""),  # paths meet the bulb
+        (scene(vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), ""),  # paths meet the bulb,
+        (scene(vase=ball(rough), bulb=POINT, **SKY), ""),  # and sample a point at rough glass; a tree does not
+        (scene(tree, vase=ball(rough), bulb=POINT, **SKY), "vase"),
+        (scene({"type": "direct"}, vase=ball(GLASS, (2, 5, 0), 0.5), **bulb(), **SKY), "vase"),
         (scene(vase=ball(GLASS, radius=0.1), sun=SUN, **SKY), ""),  # a small shadow
         (scene(pane=pane({"type": "diffuse"}, 9), vase=ball(GLASS), sun=SUN, **SKY), ""),
         (scene(caustics, vase=ball(GLASS), bulb=POINT, **SKY), ""),

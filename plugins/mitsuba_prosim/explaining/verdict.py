@@ -245,7 +245,7 @@ def lost(render: Render, file: Any = None) -> str:
     """
     estimator, name = render.state.estimator, nested_name(render)
     transport, scene = estimator.transport, estimator.scene
-    paths = not getattr(getattr(transport, "settings", None), "follows_tree", False)
+    paths = name != "DirectIntegrator" and not getattr(getattr(transport, "settings", None), "follows_tree", False)
     points = any(mi.has_flag(lamp.flags(), mi.EmitterFlags.Delta) for lamp in scene.emitters())
     if transport.caustics or name not in ("", *SURFACES) or is_late(render) or (paths and not points):
         return ""

@@ -134,7 +134,8 @@ def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool, called: C
     si, _, ds, light = _lit(scene, si, ray)
     light *= dr.maximum(_cosine(si, ds), 0)
     first, through = _first_hit(scene, si, ds, light > 0)
-    missed = first.is_valid() & (through > 0) & (ds.delta | (not paths))
+    ideal = ds.delta & ~lobes.has_any(first.bsdf().flags(), *lobes.BOTH_SIDES)  # paths sample lamps at rough glass
+    missed = first.is_valid() & (through > 0) & (ideal | (not paths))
     lost, all_light = (float(dr.sum(light * part)[0]) for part in (dr.select(missed, through, 0), through))
     if not lost > LOST * all_light:
         return ""

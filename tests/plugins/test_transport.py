@@ -429,6 +429,16 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
     assert seen(looking(0.0, it=slab(UNSEEN), behind=behind)) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 
 
+@pytest.mark.parametrize("place, size, warned", [(0, 1, ""), (1e4, 1e3, ""), (0, 1e-3, "0.002"), (-5e5, 10, "20")])
+@pytest.mark.parametrize("ours", [{"type": "prosim"}, {"type": "prosim_adaptive", "nested": {"type": "path"}}])
+def test_scene_that_is_tiny_or_far_away_causes_a_warning(variant, logged, ours, place, size, warned):
+    """Where Mitsuba's rays start, 9e-5 times (1 + the greatest coordinate) above a surface, they miss corners."""
+    pixel = camera([place, 0, 5 * size], [place, 0, 0], film(1))
+    shape = {"type": "sphere", "center": [place, 0, 0], "radius": size}
+    mi.render(load_scene(sensor=pixel, integrator=ours, shape=shape, lamp={"type": "constant"}), spp=1)
+    assert [f"the scene is {warned} wide" in text for _, text in logged] == [True] * bool(warned)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("bounces, lamp, warned", [(-1, "point", True), (-1, "sphere", False), (0, "sphere", True)])
 @pytest.mark.parametrize("surface", ["null", "dielectric"])

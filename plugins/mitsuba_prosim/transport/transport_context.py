@@ -18,7 +18,7 @@ from .absorption import absorbs_any, pointer, warn_of_shadows
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_blends_in_maps, warn_of_missing_flags
+from .workarounds import warn_of_blends_in_maps, warn_of_coarse_rays, warn_of_missing_flags
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class Context:
         if settings.diffuse_bounces >= 0:
             warn_of_unsampled(self.lights.emitters)
         warn_of_missing_flags(scene)
+        warn_of_coarse_rays(scene)
         warn_of_blends_in_maps(scene, mi.BSDFContext() if settings.diffuse_bounces < 0 else lobes.only(lobes.SPECULAR))
         #: Samples and evaluates BSDFs.
         paths = settings.diffuse_bounces < 0

@@ -57,12 +57,16 @@ from .lobes import LobePoint
 #: Barycentric coordinate below which a hit is near an edge of its triangle.
 EDGE = 1e-3
 
+#: Distance from a surface at which Mitsuba starts rays, in widths of the scene: a closed room loses 0.4 % of its light.
+COARSE = 0.01
+
 
 def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:
     """Warns of emitters and BSDFs whose light Mitsuba's ``integrator``, or an integrator nested in it (in ``aov`` or
     ``moment``), may lose or increase.
     """
     warn_of_missing_flags(scene)
+    warn_of_coarse_rays(scene)
     integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
     if lost := names_of(e for e in scene.emitters() if e.class_name() == AREA and loses_light(e)):
         mi.Log(
@@ -179,6 +183,19 @@ def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
             f"prosim: {wrong} may reflect too little or too much light: Mitsuba samples a "
             "blendbsdf of a mirror, glass or a hole with another surface wrongly within a bumpmap or normalmap. "
             "Put the map into the blendbsdf, around each of its BSDFs.",
+        )
+
+
+def warn_of_coarse_rays(scene: mi.Scene) -> None:
+    """Warns of a scene that is so small, or so far from the origin, that rays start far above its surfaces."""
+    box = scene.bbox()
+    width, away = dr.max(box.extents()), dr.max(dr.maximum(dr.abs(box.min), dr.abs(box.max)))
+    gap = float(mi.math.RayEpsilon * (1 + away))  # of mi.Interaction3f.spawn_ray
+    if width > 0 and gap > COARSE * width:
+        mi.Log(
+            mi.LogLevel.Warn,
+            f"prosim: light is missing or leaks, because rays start {gap:.2g} above a surface, and the scene is "
+            f"{float(width):.2g} wide. Write it in smaller units, or nearer to the origin.",
         )
 
 

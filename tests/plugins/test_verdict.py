@@ -190,7 +190,8 @@ def test_cause_takes_the_photons_of_one_pass(variant_rgb, monkeypatch):
     made = mi.load_dict(scene(integrator, glass=ball(GLASS), **bulb()))
     render = made.integrator().progressive(made).run()
     passes.clear()
-    assert "what would help" in verdict(render, integrator=made.integrator()) and len(passes) == 1
+    words = verdict(render, integrator=made.integrator())
+    assert "what would help" in words and "blur of photons" in words and len(passes) == 1
 
 
 @pytest.mark.slow

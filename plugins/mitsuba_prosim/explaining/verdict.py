@@ -87,6 +87,8 @@ def verdict(
         bound = render.noise_bound() if isinstance(render, Render) else float("nan")
         known = f"at most about {bound:.2g}{TINY_LAMP * render.reached.tiny_lamp} (an estimate; "
         parts = [f"error {'unknown (' if isnan(bound) else known}a noise target would measure it)"]
+    if isinstance(render, Render) and render.state.estimator.transport.caustics is not None:
+        parts.append("not counting the blur of photons")  # which is the same in both images
     if ended == "samples":
         parts.append(f"ended by the maximum number of samples per pixel, {most_samples(render)}")
     sentences = [", ".join(parts)]

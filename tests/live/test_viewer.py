@@ -40,6 +40,16 @@ def all_portions_seen(monkeypatch):
     return lambda samples: monkeypatch.setattr(Executor, "limit", lambda *_: samples)
 
 
+def test_viewer_names_what_makes_the_image_black_as_the_scene_does(variant_rgb, path):
+    path.write_text(
+        "LIGHTS POINT position 0 0 .5 Intensity 3 3 3 VIEW RESOLUTION 8 6 WINDOW -4 -3 4 3 EYE 0 0 10 VRP 0 0 0\n"
+        "CSG-TREE + SPHERE 0\nCUBE 1 SURFACE 0 TRANSFORM 0 SURFACE 1 TRANSFORM 1 TRANSLATE (2 -1 -5) END"
+    )
+    with running(path) as viewer:
+        is_(viewer, "done")
+        assert "such as that of SPHERE 0 (line 2), CUBE 1 (line 3): " in viewer.state.black
+
+
 def test_viewer_shows_a_coarse_image_first_and_the_rendered_image_last(
     variant_rgb, path, tmp_path, monkeypatch, all_portions_seen
 ):

@@ -30,6 +30,10 @@ class LoadedScene:
         #: The camera that the scene file describes; None if the sensor cannot be moved.
         self.home = self._home()
 
+    def called(self, shape: Any) -> str:
+        """Returns the name of a shape in the scene file, with the line."""
+        return self.places.get(shape.id(), (compat.name_of(shape), ""))[0]
+
     # ---------------------------------------------------------------- the camera
 
     def _home(self) -> Camera | None:

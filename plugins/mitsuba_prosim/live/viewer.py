@@ -256,7 +256,7 @@ class Viewer:
             self._draw(image)
         if image.complete and image.picture is not None:
             final = image.picture.layers["final"]
-            changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE)
+            changes["black"] = black.reason(scene.scene, scene.sensor, final, ON_THE_PAGE, called=scene.called)
         self._seconds += time.perf_counter() - started
         self._publish(image, **changes)
 

@@ -110,7 +110,7 @@ def black():
         (scene(vase=ball(GLASS), bulb=POINT), "only through glass or a mask, such as vase, "),
         (scene(pane=pane(GLASS, 9), sun=SUN), "only through glass or a mask, such as pane, "),
         (scene({"type": "path", "max_depth": 1}, **overhead), "max_depth = 1 ends all rays"),
-        (scene({"type": "direct"}, **mirrored), "the integrator direct ends all rays"),
+        (scene({"type": "direct"}, **mirrored), "the integrator direct, unlike path, ends all rays"),
         (scene({"type": "prosim", "max_level": 0}, **mirrored), "max_level = 0 ends all rays"),
         (scene({"type": "path", "max_depth": 2}, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),
         (scene(deep, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),

@@ -238,5 +238,5 @@ def depth_limit(integrator: mi.Integrator | None) -> tuple[str, float]:
         return f"max_depth = {most}", most - 2
     level = getattr(innermost(integrator), "max_level", math.inf)
     if text.startswith("DirectIntegrator"):
-        return "the integrator direct", 0
+        return "the integrator direct, unlike path,", 0
     return f"max_level = {level}", level if level >= 0 else math.inf

@@ -205,11 +205,15 @@ def test_a_sensor_without_pixels_finds_a_caustic(variant_rgb, kind):
     assert found == pytest.approx(expected, rel=0.1) and expected > 0.1
 
 
-def test_without_specular_surfaces_or_sources_nothing_changes(variant_rgb):
+def test_without_specular_surfaces_or_sources_nothing_changes_and_a_warning_says_so(variant_rgb, logged):
     dull = scene(ball=ball({"type": "diffuse"}), lamp=lamp())
     assert np.array_equal(render(dull), render(dull, caustics=False))
     dark = scene(ball=ball({"type": "dielectric"}))
     assert np.array_equal(render(dark), render(dark, caustics=False))
+    assert [text.rpartition(": ")[2] for _, text in logged] == [
+        "no surface is a mirror, glass or glossy.",
+        "no lamp can emit photons.",
+    ]
 
 
 def test_each_sample_has_photons_of_its_own(variant_rgb):

@@ -54,10 +54,14 @@ class Caustics:
 
     @classmethod
     def of(cls, scene: mi.Scene, sensor: mi.Sensor, count: int, deepest: int, tree: bool) -> Caustics | None:
-        """Returns the caustics of ``scene``; None if no surface is specular or no light source can emit photons."""
+        """Returns the caustics of ``scene``; None, with a warning, if no surface is specular or no light source can
+        emit photons.
+        """
         shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:
+            why = "lamp can emit photons" if shapes else "surface is a mirror, glass or glossy"
+            mi.Log(mi.LogLevel.Warn, f"prosim: caustics have no effect: no {why}.")
             return None
         warn_of_maps(scene)
         if tree:

@@ -100,7 +100,7 @@ def test_limit_of_the_scene_that_is_reached_does_not_end_a_render_with_another(
 @pytest.mark.slow
 def test_limit_that_is_reached_does_not_end_a_render_with_another(lamp, tmp_path):
     state = tmp_path / "a.state.npz"
-    done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--time", 0.3)
+    done("render", lamp, "-o", tmp_path / "a", "--checkpoint", "--time", 0.03)
     assert re.search(r"error \S+ of 0.001 \(95 %", done("resume", state, "--noise", 0.001).stdout)
     assert "400.0 samples a pixel" in done("resume", state, "--time", 1000, "--max-samples", 400).stdout
 

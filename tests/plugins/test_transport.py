@@ -429,6 +429,40 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
     assert seen(looking(0.0, it=slab(UNSEEN), behind=behind)) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 
 
+@pytest.mark.parametrize("sky", ["constant", "envmap", "directional"])
+@pytest.mark.parametrize("ours", [{}, {"diffuse_bounces": -1}, {"caustics": True}, {"nested": {"type": "path"}}])
+def test_closed_room_of_merged_rectangles_is_dark(variant_rgb, sky, ours):
+    """Mitsuba's box of this scene has only the ball, and its lamps at infinity are just outside of the box."""
+    image = {"bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))} if sky == "envmap" else {}
+    turns = [(axis, sign) for axis in ([1, 0, 0], [0, 1, 0]) for sign in (90, -90)] + [([1, 0, 0], s) for s in (0, 180)]
+    walls = [T().rotate(axis, angle).translate([0, 0, -5]).scale(5) for axis, angle in turns]
+    wall = {"type": "ref", "id": "wall"}
+    room = {f"wall{k}": rectangle(to_world, bsdf=wall) for k, to_world in enumerate(walls)}
+    things = {"wall": {"type": "twosided", "b": diffuse(0.5, 0.5, 0.5)}, **room, "sky": {"type": sky, **image}}
+    ball = {"type": "sphere", "radius": 0.5, "bsdf": {"type": "dielectric"} if "caustics" in ours else diffuse(1, 1, 1)}
+    integrator = {"type": "prosim_adaptive" if "nested" in ours else "prosim", **ours}
+    world = load_scene(**things, ball=ball, sensor=camera([0, 0, 4], [0, 0, 0], film(8)), integrator=integrator)
+    assert len(world.shapes()) == 2 and not np.any(mi.render(world, spp=4))
+    assert np.allclose(world.bbox().max, 5)
+
+
+def test_merged_meshes_keep_their_normals(variant, tmp_path):
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 1 1\nvn 1 0 1\nvn 0 0 1\nf 1/1/1 2/2/2 3/3/3\n"
+    (tmp_path / "bent.obj").write_text(text)
+    bsdf = {"type": "ref", "id": "paint"}
+    mesh = {"type": "obj", "filename": str(tmp_path / "bent.obj"), "bsdf": bsdf}
+    things = {
+        "paint": diffuse(0.5, 0.5, 0.5),
+        "mesh": mesh,
+        "rectangle": rectangle(T().translate([3, 0, 0]), bsdf=bsdf),
+    }
+    world = load_scene(**things)
+    (merged,) = world.shapes()
+    before = np.array(mi.traverse(merged)["vertex_normals"])
+    workarounds.repair_boxes(world)
+    assert np.array_equal(mi.traverse(merged)["vertex_normals"], before) and np.allclose(world.bbox().max, [4, 1, 0])
+
+
 @pytest.mark.parametrize("place, size, warned", [(0, 1, ""), (1e4, 1e3, ""), (0, 1e-3, "0.002"), (-5e5, 10, "20")])
 @pytest.mark.parametrize("ours", [{"type": "prosim"}, {"type": "prosim_adaptive", "nested": {"type": "path"}}])
 def test_scene_that_is_tiny_or_far_away_causes_a_warning(variant, logged, ours, place, size, warned):

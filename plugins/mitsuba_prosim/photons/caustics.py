@@ -12,6 +12,7 @@ from ..sampling.nrook import to_unit
 from ..transport import lobes
 from ..transport.ray import Vertex
 from ..transport.scattering import Scattering
+from ..transport.workarounds import repair_boxes
 from .emission import Sources, Targets, is_specular, start_points, warn_of_light_missed_by_trees, warn_of_maps
 from .grid import MIN_COSINE, Footprint, Photons, gather
 from .mis import PhotonMIS
@@ -57,6 +58,7 @@ class Caustics:
         """Returns the caustics of ``scene``; None, with a warning, if no surface is specular or no light source can
         emit photons.
         """
+        repair_boxes(scene)
         shapes = [shape for shape in shapes_in_order(scene) if is_specular(shape, tree)]
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:

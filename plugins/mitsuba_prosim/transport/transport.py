@@ -24,7 +24,7 @@ from .radiance import Radiance
 from .ray import Ray
 from .shading import shade
 from .transport_context import Context
-from .workarounds import warn_of_lost_light, warn_of_unused_render
+from .workarounds import repair_boxes, warn_of_lost_light, warn_of_unused_render
 
 #: About how many rays a path traces.
 RAYS_PER_PATH = 10
@@ -95,6 +95,7 @@ class InnerIntegrator:
     caustics, has_layers, rays_per_sample = None, False, RAYS_PER_PATH
 
     def __init__(self, integrator: mi.SamplingIntegrator, scene: mi.Scene, medium: mi.Medium | None = None) -> None:
+        repair_boxes(scene)
         warn_of_unused_render(integrator)
         warn_of_lost_light(scene, integrator)
         warn_of_wrong_light(scene.emitters())

@@ -18,7 +18,7 @@ from .absorption import absorbs_any, pointer, warn_of_shadows
 from .radiance import Radiance, layer_numbers
 from .ray import Ray
 from .scattering import Scattering
-from .workarounds import warn_of_blends_in_maps, warn_of_coarse_rays, warn_of_missing_flags
+from .workarounds import repair_boxes, warn_of_blends_in_maps, warn_of_coarse_rays, warn_of_missing_flags
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,7 @@ class Context:
             # With photons, a path must distinguish diffuse from other reflections. A ray that samples the whole BRDF
             # cannot.
             settings = replace(settings, diffuse_bounces=UNLIMITED_BOUNCES)
+        repair_boxes(scene)
         warn_of_wrong_light(scene.emitters())
         #: Gets the values of :meth:`observe`; None except in the explanation of a pixel.
         self.observer: Callable[..., None] | None = None

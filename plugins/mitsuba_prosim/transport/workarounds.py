@@ -19,6 +19,9 @@
 ``Scene.ray_intersect(coherent=True)``
     is fast, but its choice between two triangles at a common edge depends on the other rays that are traced at the same
     time, so the image would depend on the crop window: see :func:`first_hit`.
+``rectangle``
+    has no bounding box where it is merged with other shapes of its BSDF. So the box of a scene may lack walls, through
+    which lamps at infinity then shine: see :func:`repair_boxes`.
 ``area`` with a texture
     loses light in Mitsuba's own integrators (:mod:`..light.emitter_methods`): see :func:`warn_of_lost_light`.
 
@@ -45,6 +48,7 @@ from ..compat import (
     PRINCIPLED,
     ROUGH_PLASTIC,
     emitter_samples,
+    exposed,
     is_users,
     names_of,
 )
@@ -54,11 +58,38 @@ from ..optics.nested import all_bsdfs, all_within, leaves, parts
 from . import lobes
 from .lobes import LobePoint
 
+#: The class of merged meshes, and their parameter for the normals.
+MERGED, NORMALS = "Mesh", "vertex_normals"
+
 #: Barycentric coordinate below which a hit is near an edge of its triangle.
 EDGE = 1e-3
 
 #: Distance from a surface at which Mitsuba starts rays, in widths of the scene: a closed room is 0.3 % too bright.
 COARSE = 0.01
+
+
+def repair_boxes(scene: mi.Scene) -> None:
+    """Puts the rectangles that lack in bounding boxes into those of merged meshes, of ``scene`` and of its lamps at
+    infinity.
+    """
+    wrong = []
+    for shape in scene.shapes():
+        if shape.class_name() == MERGED:
+            before = str(shape.bbox())
+            shape.recompute_bbox()
+            wrong += [shape] if str(shape.bbox()) != before else []
+    for shape in wrong:
+        parameters = exposed(shape)
+        normals = dr.copy(parameters[NORMALS]) if NORMALS in parameters else ()
+        shape.parameters_changed(["vertex_positions"])  # so that the scene asks for the box; normals change, too
+        if len(normals):
+            parameters[NORMALS] = normals
+            parameters.update()
+    if wrong:
+        scene.parameters_changed([])
+        for emitter in scene.emitters():
+            if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
+                emitter.set_scene(scene)
 
 
 def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> None:

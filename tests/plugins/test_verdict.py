@@ -1,21 +1,24 @@
 """The verdict on a render names the cause of a fault."""
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import mitsuba as mi
 import mitsuba_prosim
 import numpy as np
+import prosim_scene
 import pytest
 from mitsuba_prosim.explaining.explanation import Samples
 from mitsuba_prosim.explaining.noise import rarely_met
 from mitsuba_prosim.explaining.verdict import denoised_words, verdict
 from mitsuba_prosim.photons.caustics import Caustics
-from mitsuba_prosim.scene.black import reason
+from mitsuba_prosim.scene.black import lost_behind_glass, reason
 from scenes import T, area, camera, diffuse, film, kernels, rectangle, rgb
 
 PATH = {"type": "path", "max_depth": 6}
 PATHS = {"type": "prosim", "diffuse_bounces": -1, "max_level": 6}
+EXAMPLES = Path(__file__).parents[2] / "examples"
 GLASS, MIRROR = {"type": "dielectric"}, {"type": "conductor", "material": "none"}
 FROSTED = {"type": "roughdielectric", "alpha": 0.02}
 COPPER = {"type": "roughconductor", "material": "Cu", "alpha": 0.03}
@@ -267,6 +270,9 @@ def test_light_that_is_lost_behind_glass_is_told(variant_rgb):
     for made, glass in lacking():
         told = mitsuba_prosim.render(mi.load_dict(made), spp=4, progress=False).verdict
         assert f"light is missing: through {glass}, only photons" in told or not (glass or "missing" in told), told
+    # Here a lamp's point has a direction that is NaN, and no light.
+    world = mi.load_dict(prosim_scene.load(EXAMPLES / "caustica.scn", resolution=(96, 72)))
+    assert "light is missing: through surface_3" in lost_behind_glass(world, world.sensors()[0], paths=False)
 
 
 def test_good_image_has_no_cause(variant_rgb):

@@ -132,7 +132,7 @@ def lost_behind_glass(scene: mi.Scene, sensor: mi.Sensor, paths: bool, called: C
     """
     ray, si = _seen(scene, sensor)
     si, _, ds, light = _lit(scene, si, ray)
-    light *= dr.maximum(_cosine(si, ds), 0)
+    light = dr.select(light > 0, light * dr.maximum(_cosine(si, ds), 0), 0)  # without light, a direction may be NaN
     first, through = _first_hit(scene, si, ds, light > 0)
     ideal = ds.delta & ~lobes.has_any(first.bsdf().flags(), *lobes.BOTH_SIDES)  # paths sample lamps at rough glass
     missed = first.is_valid() & (through > 0) & (ideal | (not paths))

@@ -115,9 +115,9 @@ def _reason_by_rays(scene: mi.Scene, sensor: mi.Sensor, called: Called) -> str:
         )
     if dr.any(through > 0):
         return (
-            f"light reaches the visible surfaces only through glass or a mask, such as "
-            f"{called(_most(first, through > 0))}, "
-            "where shadow rays end. Photons (caustics) find it, or paths that meet a lamp with an extent."
+            "light reaches the visible surfaces only through glass or a mask, such as "
+            f"{called(_most(first, through > 0))}, where shadow rays end. Photons (caustics) find it, or paths that "
+            "meet a lamp with an extent."
         )
     shade = called(_most(first, first.is_valid()))
     return (

@@ -64,13 +64,14 @@ MERGED, NORMALS = "Mesh", "vertex_normals"
 #: Barycentric coordinate below which a hit is near an edge of its triangle.
 EDGE = 1e-3
 
-#: Distance from a surface at which Mitsuba starts rays, in widths of the scene: a closed room is 0.3 % too bright.
+#: Distance from a surface at which Mitsuba starts rays, in widths of the scene, from which on light leaks: a
+#: closed room is then 0.3 % too bright.
 COARSE = 0.01
 
 
 def repair_boxes(scene: mi.Scene) -> None:
-    """Puts the rectangles that lack in bounding boxes into those of merged meshes, of ``scene`` and of its lamps at
-    infinity.
+    """Corrects the bounding boxes of merged meshes, of ``scene`` and of its lamps at infinity, where rectangles are
+    missing.
     """
     wrong = []
     for shape in scene.shapes():

@@ -88,3 +88,9 @@ def test_functions_do_not_change_their_arguments():
                 augmented = [one for one in ast.walk(node) if isinstance(one, ast.AugAssign)]
                 changed += [(path.name, ast.unparse(one)) for one in augmented if getattr(one.target, "id", 0) in given]
     assert not changed
+
+
+def test_class_variables_have_types():
+    """Python 3.10 evaluates no bare ``ClassVar``, so Dr.Jit cannot walk through its class there."""
+    annotated = [(path.name, n) for path, found in modules().items() for n in found if isinstance(n, ast.AnnAssign)]
+    assert not [(name, n.lineno) for name, n in annotated if ast.unparse(n.annotation) == "ClassVar"]

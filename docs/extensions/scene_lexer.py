@@ -14,7 +14,7 @@ class SceneLexer(RegexLexer):
     """Highlights words of the language, numbers, names, quoted file names and comments."""
 
     name = "scn"
-    tokens: ClassVar = {
+    tokens: ClassVar[dict] = {
         "root": [
             (rf"(?i)((?:{STEPS})\s*)(\()", bygroups(Keyword, Text)),
             (r"#.*", Comment),

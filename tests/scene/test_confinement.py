@@ -233,8 +233,10 @@ def test_spectrum_files_of_lax_xml_are_known_or_warned_of(variant_rgb, folder):
         assert folder / "good.spd" in file.sources()
     with pytest.warns(prosim_scene.SceneWarning, match="neither watched nor sent to a cluster"):
         opened(folder, "<![CDATA[ ]]> ]]>" + SPECTRUM.format("good.spd"), confined=False)
-    with warnings.catch_warnings(action="error"), pytest.raises(RuntimeError, match="Parsing of XML file"):
-        opened(folder, "<shape", confined=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RuntimeError, match="Parsing of XML file"):
+            opened(folder, "<shape", confined=False)
 
 
 @pytest.mark.parametrize("include", [False, True])

@@ -43,7 +43,7 @@ class Permutations:
     ``mi.permute_kensler`` is five times slower, and for few elements it does not choose all permutations equally often.
     """
 
-    ALL_UP_TO: ClassVar = 6
+    ALL_UP_TO: ClassVar[int] = 6
     n: int
     count: int
     rotated: bool

@@ -85,8 +85,10 @@ def message(error: BaseException) -> str:
     """
     cause = f" {message(error.__cause__)}" if error.__cause__ else ""
     text = str(error)
-    if isinstance(error, UnicodeDecodeError):  # Mitsuba has quoted a text in another encoding
-        text = f"{error.object.decode('utf-8', 'replace')}: this is not UTF-8; save the file as UTF-8, or unpack it"
+    # Mitsuba has quoted a text in another encoding. In Python 3.10 the message is then lost.
+    if isinstance(error, UnicodeDecodeError) or (isinstance(error, RuntimeError) and not text):
+        read = getattr(error, "object", b"a file of the scene").decode("utf-8", "replace")
+        text = f"{read}: this is not UTF-8; save the file as UTF-8, or unpack it"
     words = SOURCE_LINE.sub("", TRACEBACK.sub("", text) + cause)
 
     def shortened(found: re.Match[str]) -> str:

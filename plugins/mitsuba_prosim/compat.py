@@ -282,6 +282,17 @@ def names_of(things: Iterable[mi.Object]) -> str:
     return ", ".join([*names[:8], *(["..."] if names[8:] else [])])
 
 
+def warn(text: str) -> None:
+    """Logs the warning ``text``."""
+    mi.Log(mi.LogLevel.Warn, f"prosim: {text}")
+
+
+def warn_of(things: Iterable[mi.Object], text: str) -> None:
+    """Logs the warning ``text``, in which {} stands for the names of ``things``, if there are any."""
+    if names := names_of(things):
+        warn(text.format(names))
+
+
 def named_by(emitter: mi.Emitter) -> mi.Object:
     """Returns what names ``emitter``: its shape, or itself if it has none, or alone has an id."""
     shape = emitter.get_shape()

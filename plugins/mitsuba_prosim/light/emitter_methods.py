@@ -63,12 +63,11 @@ def warn_of_unsampled(emitters: Iterable[mi.Emitter]) -> None:
     """Warns of surfaces that emit in many directions, but have no points to sample (:func:`has_points`)."""
     surface, single = mi.EmitterFlags.Surface, mi.EmitterFlags.DeltaDirection
     many = [e for e in emitters if mi.has_flag(e.flags(), surface) and not mi.has_flag(e.flags(), single)]
-    if names := compat.names_of(e for e in many if not has_points(e)):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {names} do not light diffuse surfaces, because Mitsuba cannot sample their shape or texture "
-            "(curves, ellipsoids, sdfgrid, mesh_attribute). Use another shape or texture, or diffuse_bounces = -1.",
-        )
+    compat.warn_of(
+        (e for e in many if not has_points(e)),
+        "{} do not light diffuse surfaces, because Mitsuba cannot sample their shape or texture (curves, ellipsoids, "
+        "sdfgrid, mesh_attribute). Use another shape or texture, or diffuse_bounces = -1.",
+    )
 
 
 def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:
@@ -77,19 +76,17 @@ def warn_of_wrong_light(emitters: Collection[mi.Emitter]) -> None:
     does not normalise directions.
     """
     skies = (e for e in emitters if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite))
-    if scaled := compat.names_of(e for e in skies if scales(e)):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: the light of {scaled} is wrong, because its to_world has a scale, perhaps by a rotation whose "
-            "axis is not of length 1: Mitsuba samples other light than it shows. Remove the scale.",
-        )
+    compat.warn_of(
+        filter(scales, skies),
+        "the light of {} is wrong, because its to_world has a scale, perhaps by a rotation whose axis is not of length "
+        "1: Mitsuba samples other light than it shows. Remove the scale.",
+    )
     losses = {e: tilt_loss(e.get_shape()) for e in emitters if e.get_shape() is not None}
     if tilted := {e: loss for e, loss in losses.items() if loss > MIN_TILT_LOSS}:
         names = ", ".join(f"{compat.names_of([e])} (about {loss:.0%})" for e, loss in tilted.items())
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {names} may light too little: the vertex normals of these emitters are tilted against their "
-            "triangles. Load the mesh with face_normals, or remove the vertex normals from its file.",
+        compat.warn(
+            f"{names} may light too little: the vertex normals of these emitters are tilted against their "
+            "triangles. Load the mesh with face_normals, or remove the vertex normals from its file."
         )
 
 

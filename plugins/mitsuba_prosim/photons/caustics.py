@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import shapes_in_order
+from ..compat import shapes_in_order, warn
 from ..sampling import wavelengths
 from ..sampling.hash import combine, hash32
 from ..sampling.nrook import to_unit
@@ -63,7 +63,7 @@ class Caustics:
         sources = Sources(scene, Targets(shapes)) if shapes else None
         if sources is None or not sources.pairs:
             why = "lamp can emit photons" if shapes else "surface is a mirror, glass or glossy"
-            mi.Log(mi.LogLevel.Warn, f"prosim: caustics have no effect: no {why}.")
+            warn(f"caustics have no effect: no {why}.")
             return None
         warn_of_maps(scene)
         if tree:

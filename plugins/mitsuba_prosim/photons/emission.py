@@ -27,6 +27,8 @@ from ..compat import (
     eval_direction,
     mesh_positions,
     names_of,
+    warn,
+    warn_of,
 )
 from ..light.beam import sample_falloff
 from ..light.emitter_methods import EmitterMethods, has_points
@@ -103,24 +105,22 @@ def warn_of_light_missed_by_trees(shapes: Sequence[mi.Shape]) -> None:
     through = [s for s in inseparable if lobes.has_any(int(s.bsdf().flags()), "GlossyTransmission")]
     if through and len(inseparable) > 1:
         onto, caster = names_of(s for s in inseparable if s is not through[0]), names_of(through[:1])
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: in a ray tree, caustics omit the light that {caster} casts on {onto}: their materials "
+        warn(
+            f"in a ray tree, caustics omit the light that {caster} casts on {onto}: their materials "
             "have inseparable lobes. Paths (diffuse_bounces) find this light. In a ray tree, use prosim_dielectric or "
-            "roughdielectric for the glass, or prosim_composite, roughplastic or diffuse for the other materials.",
+            "roughdielectric for the glass, or prosim_composite, roughplastic or diffuse for the other materials."
         )
 
 
 def warn_of_maps(scene: mi.Scene) -> None:
     """Warns of specular BSDFs in a ``bumpmap`` or ``normalmap``, whose normals photons do not know."""
     specular = [bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(int(bsdf.flags()), *lobes.SPECULAR)]
-    if mapped := names_of(b for b in specular if any(one.class_name() in MAPS for one in all_within(b))):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {mapped} may scatter too much or too little light to caustics: about 7 % "
-            "where the bumpmap or normalmap tilts the normal by 30 degrees, 16 % at 45 degrees, because photons do "
-            "not know this normal. Model the bumps as geometry, or leave caustics out.",
-        )
+    warn_of(
+        (bsdf for bsdf in specular if any(one.class_name() in MAPS for one in all_within(bsdf))),
+        "{} may scatter too much or too little light to caustics: about 7 % where the bumpmap or normalmap tilts the "
+        "normal by 30 degrees, 16 % at 45 degrees, because photons do not know this normal. Model the bumps as "
+        "geometry, or leave caustics out.",
+    )
 
 
 def bounding_sphere(shape: mi.Shape) -> tuple[float, float, float, float]:
@@ -209,14 +209,12 @@ class EmissionSample:
 def photon_emitters(emitters: Sequence[mi.Emitter]) -> list[mi.Emitter]:
     """Returns those ``emitters`` whose photons can be aimed at targets, and warns of all others."""
     others = [emitter for emitter in emitters if not can_be_aimed(emitter)]
-    if others:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: caustics omit the light of the emitters {names_of(others)}, because they emit only along their "
-            "normals, their flags tell no place, or Mitsuba cannot sample their shape or texture (curves, ellipsoids, "
-            "sdfgrid, mesh_attribute). Use emitters with the flag DeltaPosition or Infinite, or Surface but not "
-            "DeltaDirection.",
-        )
+    warn_of(
+        others,
+        "caustics omit the light of the emitters {}, because they emit only along their normals, their flags tell no "
+        "place, or Mitsuba cannot sample their shape or texture (curves, ellipsoids, sdfgrid, mesh_attribute). Use "
+        "emitters with the flag DeltaPosition or Infinite, or Surface but not DeltaDirection.",
+    )
     return [emitter for emitter in emitters if emitter not in others]
 
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import names_of
+from ..compat import warn_of
 from ..masks import idle
 from ..optics.nested import all_shapes, parts
 from . import lobes
@@ -30,12 +30,11 @@ UNBOUNDED = 1e30
 def absorbs_any(scene: mi.Scene, camera_medium: mi.Medium | None) -> bool:
     """Tells whether ``camera_medium`` or a medium of ``scene`` only absorbs light; warns of media that are ignored."""
     media = dict.fromkeys([*media_of(scene), *([] if camera_medium is None else [camera_medium])])
-    if ignored := names_of(medium for medium in media if not only_absorbs(medium)):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: the media {ignored} scatter light or are not homogeneous, and are ignored. Give homogeneous "
-            'media with albedo 0, or render with "volpath".',
-        )
+    warn_of(
+        (medium for medium in media if not only_absorbs(medium)),
+        "the media {} scatter light or are not homogeneous, and are ignored. Give homogeneous media with albedo 0, or "
+        'render with "volpath".',
+    )
     return any(map(only_absorbs, media))
 
 
@@ -44,11 +43,11 @@ def warn_of_shadows(scene: mi.Scene, lamps: Sequence[mi.Emitter]) -> None:
     find.
     """
     media = [s for s in all_shapes(scene) if s.is_medium_transition() and s.bsdf() is not None]
-    if lamps and (dark := names_of(s for s in media if lobes.has_any(s.bsdf().flags(), "Null"))):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: shadow rays end at {dark}, unlike in volpath, so the light of points and "
-            "single directions, and in a ray tree of all lamps, does not pass there.",
+    if lamps:
+        warn_of(
+            (shape for shape in media if lobes.has_any(shape.bsdf().flags(), "Null")),
+            "shadow rays end at {}, unlike in volpath, so the light of points and single directions, and in a ray tree "
+            "of all lamps, does not pass there.",
         )
 
 

@@ -51,6 +51,8 @@ from ..compat import (
     exposed,
     is_users,
     names_of,
+    warn,
+    warn_of,
 )
 from ..light.emitter_methods import loses_light
 from ..masks import but_not, idle
@@ -100,34 +102,30 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
     warn_of_missing_flags(scene)
     warn_of_coarse_rays(scene)
     integrators = [integrator, *(part for part in parts(integrator).values() if isinstance(part, mi.Integrator))]
-    if lost := names_of(e for e in scene.emitters() if e.class_name() == AREA and loses_light(e)):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {lost} may light too little: Mitsuba's area cannot sample this shape, or "
-            "loses points of the texture. Use prosim_area in its place.",
+    warn_of(
+        (e for e in scene.emitters() if e.class_name() == AREA and loses_light(e)),
+        "{} may light too little: Mitsuba's area cannot sample this shape, or loses points of the texture. Use "
+        "prosim_area in its place.",
+    )
+    if (times := max(map(emitter_samples, integrators))) > 1:
+        warn_of(
+            (e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Delta)),
+            f"{{}} will be {times} times too bright: Mitsuba's direct multiplies the light of points and directions by "
+            "its emitter_samples. Give emitter_samples = 1.",
         )
-    times, kinds = max(map(emitter_samples, integrators)), mi.EmitterFlags.Delta
-    if times > 1 and (points := names_of(e for e in scene.emitters() if mi.has_flag(e.flags(), kinds))):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {points} will be {times} times too bright: Mitsuba's direct multiplies the "
-            "light of points and directions by its emitter_samples. Give emitter_samples = 1.",
-        )
-    if blends := names_of(bsdf for bsdf in all_bsdfs(scene) if mixes_wrongly(mi.BSDFContext(), bsdf)):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {blends} may reflect too little or too much light: Mitsuba's blendbsdf "
-            "adds the density of smooth lobes to that of mirrors, clear glass and holes, and takes samples that one "
-            'of its BSDFs discards for samples of the other, such as rough glass. Render with "prosim".',
-        )
+    warn_of(
+        (bsdf for bsdf in all_bsdfs(scene) if mixes_wrongly(mi.BSDFContext(), bsdf)),
+        "{} may reflect too little or too much light: Mitsuba's blendbsdf adds the density of smooth lobes to that of "
+        "mirrors, clear glass and holes, and takes samples that one of its BSDFs discards for samples of the other, "
+        'such as rough glass. Render with "prosim".',
+    )
     # ``path`` returns black if the ray has met nothing but holes; it counts a sky as something, unless it hides it.
     blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
-    holed = [bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)]
-    if blind and holed:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {names_of(holed)} may reflect too little light: Mitsuba's path forgets the light of "
-            'the surface around a hole that shows nothing behind it. Render with "prosim" or "prb".',
+    if blind:
+        warn_of(
+            (bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)),
+            "{} may reflect too little light: Mitsuba's path forgets the light of the surface around a hole that shows "
+            'nothing behind it. Render with "prosim" or "prb".',
         )
 
 
@@ -137,27 +135,23 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
     """
     for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, ROUGH_PLASTIC)):
         if names := [name for name in ("alpha", "eta") if dr.grad_enabled(mi.traverse(bsdf)[name])]:
-            mi.Log(
-                mi.LogLevel.Warn,
-                f"prosim: the derivatives by {' and '.join(names)} of {names_of([bsdf])} are wrong: Mitsuba's "
-                "roughplastic tabulates its transmittance without them. Use principled or prosim_composite.",
+            warn(
+                f"the derivatives by {' and '.join(names)} of {names_of([bsdf])} are wrong: Mitsuba's "
+                "roughplastic tabulates its transmittance without them. Use principled or prosim_composite."
             )
     for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, PRINCIPLED)):
         values = {name: mi.traverse(bsdf).get(f"{name}.value") for name in ("sheen", "clearcoat")}
         if names := [name for name, value in values.items() if dr.grad_enabled(value) and dr.all(value == 0)]:
-            mi.Log(
-                mi.LogLevel.Warn,
-                f"prosim: the derivatives by {' and '.join(names)} of {names_of([bsdf])} are 0, because Mitsuba's "
-                "principled has no such lobe where its weight is 0. Begin with a small weight, such as 0.01.",
+            warn(
+                f"the derivatives by {' and '.join(names)} of {names_of([bsdf])} are 0, because Mitsuba's "
+                "principled has no such lobe where its weight is 0. Begin with a small weight, such as 0.01."
             )
     maps = ((bsdf, one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
-    if wrong := names_of(bsdf for bsdf, one in maps if any(map(_has_derivatives, _hidden_choices(one)))):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: derivatives by parameters of {wrong} may be wrong: Mitsuba's mask and "
-            "blendbsdf hide within a bumpmap or normalmap how they choose mirrors, glass and holes. Put the map into "
-            "the mask or blendbsdf, around each of its BSDFs.",
-        )
+    warn_of(
+        (bsdf for bsdf, one in maps if any(map(_has_derivatives, _hidden_choices(one)))),
+        "derivatives by parameters of {} may be wrong: Mitsuba's mask and blendbsdf hide within a bumpmap or normalmap "
+        "how they choose mirrors, glass and holes. Put the map into the mask or blendbsdf, around each of its BSDFs.",
+    )
 
 
 def warn_of_undivided_lobes(scene: mi.Scene) -> None:
@@ -170,23 +164,21 @@ def warn_of_undivided_lobes(scene: mi.Scene) -> None:
     bsdfs = [one for one in all_bsdfs(scene) if lobes.has_any(one.flags(), *lobes.DIFFUSE) and is_inseparable(one)]
     specular = (one for one in bsdfs if lobes.has_any(one.flags(), *lobes.SPECULAR))
     context = mi.BSDFContext()
-    if wrong := names_of(b for b in specular if dr.grad_enabled(eval_pdf(context, b, si, si.wi, True)[1])):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: derivatives by parameters of {wrong} are wrong: rays follow its specular "
-            "lobe with a probability that Mitsuba does not tell. Set diffuse_bounces = -1 to follow all its rays.",
-        )
+    warn_of(
+        (b for b in specular if dr.grad_enabled(eval_pdf(context, b, si, si.wi, True)[1])),
+        "derivatives by parameters of {} are wrong: rays follow its specular lobe with a probability that Mitsuba does "
+        "not tell. Set diffuse_bounces = -1 to follow all its rays.",
+    )
 
 
 def warn_of_moving_sun(scene: mi.Scene) -> None:
     """Warns of derivatives by the direction of the sun of a ``sunsky``: those of its density are wrong."""
-    for emitter in scene.emitters():
-        if emitter.class_name() == "SunskyEmitter" and dr.grad_enabled(mi.traverse(emitter)["sun_direction"]):
-            mi.Log(
-                mi.LogLevel.Warn,
-                f"prosim: the derivatives by sun_direction of {names_of([emitter])} are wrong. Take prb, whose "
-                "derivatives in reverse mode (dr.backward) are right.",
-            )
+    suns = (one for one in scene.emitters() if one.class_name() == "SunskyEmitter")
+    warn_of(
+        (one for one in suns if dr.grad_enabled(mi.traverse(one)["sun_direction"])),
+        "the derivatives by sun_direction of {} are wrong. Take prb, whose derivatives in reverse mode (dr.backward) "
+        "are right.",
+    )
 
 
 def _hidden_choices(bsdf: mi.BSDF) -> Iterator[mi.Object]:
@@ -209,13 +201,12 @@ def _is_smooth(bsdf: mi.BSDF) -> bool:
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
     """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that :func:`mixes_wrongly` the lobes ``lobe``."""
     maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
-    if wrong := names_of(b for b in maps if any(mixes_wrongly(requested_lobes(lobe, one), one) for one in maps[b])):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: {wrong} may reflect too little or too much light: Mitsuba samples a "
-            "blendbsdf of a mirror, glass or a hole with another surface wrongly within a bumpmap or normalmap. "
-            "Put the map into the blendbsdf, around each of its BSDFs.",
-        )
+    warn_of(
+        (bsdf for bsdf in maps if any(mixes_wrongly(requested_lobes(lobe, one), one) for one in maps[bsdf])),
+        "{} may reflect too little or too much light: Mitsuba samples a blendbsdf of a mirror, glass or a hole with "
+        "another surface wrongly within a bumpmap or normalmap. Put the map into the blendbsdf, around each of its "
+        "BSDFs.",
+    )
 
 
 def warn_of_coarse_rays(scene: mi.Scene) -> None:
@@ -224,10 +215,9 @@ def warn_of_coarse_rays(scene: mi.Scene) -> None:
     width, away = dr.max(box.extents()), dr.max(dr.maximum(dr.abs(box.min), dr.abs(box.max)))
     gap = float(mi.math.RayEpsilon * (1 + away))  # of mi.Interaction3f.spawn_ray
     if width > 0 and gap > COARSE * width:
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: light is missing or leaks, because rays start {gap:.2g} above a surface, and the scene is "
-            f"{float(width):.2g} wide. Write it in smaller units, or nearer to the origin.",
+        warn(
+            f"light is missing or leaks, because rays start {gap:.2g} above a surface, and the scene is "
+            f"{float(width):.2g} wide. Write it in smaller units, or nearer to the origin."
         )
 
 
@@ -237,11 +227,10 @@ def warn_of_missing_flags(scene: mi.Scene) -> None:
     """
     flagless = [one for bsdf in all_bsdfs(scene) for one in all_within(bsdf) if not int(one.flags())]
     if lost := sorted({type(one).__name__ for bsdf in flagless for one in of_users(bsdf)}):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: surfaces of {', '.join(lost)} scatter no light or too little: their class sets no m_flags or "
+        warn(
+            f"surfaces of {', '.join(lost)} scatter no light or too little: their class sets no m_flags or "
             "m_components. Set both in __init__, such as m_flags = BSDFFlags.DiffuseReflection | BSDFFlags.FrontSide "
-            "and m_components = [m_flags].",
+            "and m_components = [m_flags]."
         )
 
 
@@ -250,10 +239,9 @@ def warn_of_unused_render(integrator: mi.SamplingIntegrator) -> None:
     owners = {name: base for base in reversed(type(integrator).__mro__) for name in vars(base)}
     own = [name for name in ("render", "sample_rays") if name in owners and _is_users(owners[name])]
     if own and is_users(integrator):
-        mi.Log(
-            mi.LogLevel.Warn,
-            f"prosim: the method {own[0]}() of {type(integrator).__name__} is not called, and this image may be "
-            "another: the mean of what sample() returns for the sensor's rays. Use mi.render for that of the class.",
+        warn(
+            f"the method {own[0]}() of {type(integrator).__name__} is not called, and this image may be "
+            "another: the mean of what sample() returns for the sensor's rays. Use mi.render for that of the class."
         )
 
 

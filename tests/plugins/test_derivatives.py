@@ -46,6 +46,16 @@ def derivatives(scene, change, seed=1, spp=16):
     return forward_derivative(scene, change, seed, spp), derivative(lambda e: weighted_mean(image(e)))
 
 
+def central_difference(scene, change, h, measure):
+    """That of what ``measure()`` returns, by the ``mi.Float`` of :func:`image_of`, at 0."""
+    params, sides = mi.traverse(scene), []
+    for e in (h, -h):
+        change(params, mi.Float(e))
+        params.update()
+        sides.append(np.array(measure()))
+    return (sides[0] - sides[1]) / (2 * h)
+
+
 # ------------------------------------------------------------------ of which samples
 
 
@@ -68,10 +78,8 @@ def test_derivative_by_a_linear_parameter_is_the_image(variant_rgb, capfd):
         params["light.emitter.radiance.value"] = mi.Color3f(25) * (1 + e)
 
     forward, backward = derivatives(scene, change, seed=1, spp=0)
-    assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6) and image[
-        ..., 3
-    ].max() == pytest.approx(9)
-    assert np.all(forward[..., 3:] == 0) and capfd.readouterr().err == ""
+    assert forward[..., :3] == pytest.approx(image[..., :3], rel=1e-4, abs=1e-6)
+    assert np.all(forward[..., 3:] == 0) and image[..., 3].max() == pytest.approx(9) and capfd.readouterr().err == ""
     assert backward == pytest.approx(weighted_mean(image).array[0], rel=1e-4)
 
 
@@ -256,15 +264,9 @@ def test_derivatives_by_colours_that_are_black(variant_rgb, settings, key):
 )
 def test_derivatives_match_quadrature(variant_rgb, kind, floor, change, settings):
     """Within 4 standard errors (of pixels, which are independent) and 0.1 % for the quadrature and its difference."""
-    h = 0.01
     scene = spot(kind, floor, **settings)
-    by, params = change_of(scene, change), mi.traverse(scene)
-    sides = []
-    for e in (h, -h):
-        by(params, mi.Float(e))
-        params.update()
-        sides.append(direct_light(scene))
-    expected = (sides[0] - sides[1]) / (2 * h)
+    by = change_of(scene, change)
+    expected = central_difference(scene, by, 0.01, lambda: direct_light(scene))
     forward, backward = derivatives(scene, by)
     error = forward.mean(axis=2).std() / 32
     assert abs(forward.mean() - expected) < 4 * error + 1e-3 * abs(expected)
@@ -304,11 +306,7 @@ def test_derivatives_by_the_view_match_differences(variant_rgb):
         params.update({"sensor.x_fov": 20 + 10 * e, "sensor.principal_point_offset_x": 0.1 * e})
 
     forward, backward = derivatives(scene, change)
-    params, sides = mi.traverse(scene), []
-    for e in (0.01, -0.01):
-        change(params, mi.Float(e))
-        sides.append(np.array(mi.render(scene, seed=2, spp=16)))
-    expected = (sides[0] - sides[1]) / 0.02
+    expected = central_difference(scene, change, 0.01, lambda: mi.render(scene, seed=2, spp=16))
     assert forward == pytest.approx(expected, abs=0.01 * float(np.abs(expected).max()))
     assert backward == pytest.approx(weighted_mean(forward).array[0], rel=1e-3)
 
@@ -336,19 +334,19 @@ def test_derivatives_match_finite_differences(variant_rgb, name, ball, settings)
     del dictionary["pole"]
     dictionary["ball"] |= {"center": [0, 1, 0], "radius": 1.0}
     dictionary["sky"] = {"type": "constant", "radiance": rgb(0.2, 0.3, 0.4)}
-    scene, key, h = mi.load_dict(dictionary), f"ball.bsdf.{name}.value", 0.02
+    scene, key = mi.load_dict(dictionary), f"ball.bsdf.{name}.value"
     params = mi.traverse(scene)
     value = type(params[key])(params[key])
 
     def change(params, e):
         params[key] = value * (1 + e)
 
-    def mean(e, seed):
-        change(params, e)
-        params.update()
-        return weighted_mean(mi.render(scene, seed=seed, spp=144)).array[0]
+    def difference(seed):
+        return central_difference(
+            scene, change, 0.02, lambda: weighted_mean(mi.render(scene, seed=seed, spp=144)).array[0]
+        )
 
-    expected = np.array([(mean(h, seed) - mean(-h, seed)) / (2 * h) for seed in range(4)])
+    expected = np.array([difference(seed) for seed in range(4)])
     found = [derivatives(scene, change, 100 + seed, 144) for seed in range(4)]
     forward, backward = np.array([(weighted_mean(image).array[0], back) for image, back in found]).T
     error = np.sqrt((expected.var(ddof=1) + backward.var(ddof=1)) / 4)
@@ -446,21 +444,29 @@ def test_derivative_of_million_samples_is_right(variant_rgb):
     assert np.allclose(np.array(scene.integrator().render_forward(scene, params, spp=1 << 20)), 1, rtol=1e-6)
 
 
+def card_below_a_sky(bsdf, **others):
+    """A card that fills the view, with ``others`` in the place of the integrator or the sky, or beside them."""
+    things = {
+        "integrator": {"type": "prosim", "diffuse_bounces": -1},
+        "sensor": camera([0, 0, 5], [0, 0, 0], film(8), fov=10),
+        "sky": {"type": "constant"},
+        "card": {"type": "rectangle", "bsdf": bsdf},
+    }
+    return load_scene(**things | others)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("diffuse_bounces", [0, *slow(3), -1])
 def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffuse_bounces):
     """A card before a lamp of radiance 2, in a sky of radiance 1; Mitsuba's ``blendbsdf`` omits ideal lobes."""
     mirror = {"type": "twosided", "b": {"type": "conductor", "specular_reflectance": 0.7}}
+    lamp = {"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(9), **area(2.0)}
     hole, card = {"type": "null"}, {"type": "diffuse", "reflectance": 0.4}
     pairs = {-1.6: (hole, card), -0.3: (mirror, card), -1.3: (hole, mirror)}
     for expected, (first, second) in pairs.items():
-        scene = load_scene(
-            integrator={"type": "prosim", "diffuse_bounces": diffuse_bounces},
-            sensor=camera([0, 0, 5], [0, 0, 0], film(8), fov=10),
-            sky={"type": "constant"},
-            card={"type": "rectangle", "bsdf": {"type": "blendbsdf", "weight": 0.6, "a": first, "b": second}},
-            lamp={"type": "rectangle", "to_world": T().translate([0, 0, -1]).scale(9), **area(2.0)},
-        )
+        integrator = {"type": "prosim", "diffuse_bounces": diffuse_bounces}
+        blend = {"type": "blendbsdf", "weight": 0.6, "a": first, "b": second}
+        scene = card_below_a_sky(blend, integrator=integrator, lamp=lamp)
         params = mi.traverse(scene)
 
         def mean(weight):
@@ -469,15 +475,6 @@ def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffu
             return dr.mean(mi.render(scene, params, spp=256), axis=None)  # noqa: B023
 
         assert derivative(mean, 0.6) == pytest.approx(expected, rel=0.06)
-
-
-def card_below_a_sky(bsdf, **integrator):
-    return load_scene(
-        integrator=integrator or {"type": "prosim", "diffuse_bounces": -1},
-        sensor=camera([0, 0, 5], [0, 0, 0], film(8), fov=10),
-        sky={"type": "constant"},
-        card={"type": "rectangle", "bsdf": bsdf},
-    )
 
 
 @pytest.mark.slow
@@ -495,17 +492,16 @@ def test_the_choice_of_an_ideal_lobe_has_no_derivative(variant_rgb, around, name
     def change(params, e):
         params[key] = type(params[key])(0.5 + e)
 
-    params, sides = mi.traverse(scene), []
-    for e in (0.05, -0.05):
-        change(params, e)
-        params.update()
-        sides.append(weighted_mean(mi.render(scene, seed=2, spp=1024)).array[0])
+    expected = central_difference(
+        scene, change, 0.05, lambda: weighted_mean(mi.render(scene, seed=2, spp=1024)).array[0]
+    )
     forward, backward = derivatives(scene, change, spp=1024)
-    assert backward == pytest.approx((sides[0] - sides[1]) / 0.1, rel=0.01)
+    assert backward == pytest.approx(expected, rel=0.01)
     assert weighted_mean(forward).array[0] == pytest.approx(backward, rel=1e-3)
 
 
-ADAPTIVE = {"type": "prosim_adaptive", "nested": {"type": "prb"}}
+ADAPTIVE = {"integrator": {"type": "prosim_adaptive", "nested": {"type": "prb"}}}
+BY_TREE, SUNNY = {"integrator": {"type": "prosim"}}, {"sky": {"type": "sunsky"}}
 MAP = {"type": "bumpmap"}
 ROUGH = {"type": "twosided", "b": {"type": "roughplastic", "alpha": 0.3}}
 BLEND = {"type": "blendbsdf", "weight": 0.5, "a": {"type": "diffuse"}, "b": {"type": "conductor"}}
@@ -514,21 +510,22 @@ MASK = {"type": "mask", "opacity": 0.5, "b": {"type": "plastic"}}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "bsdf, right, wrong, words, integrator",
+    "bsdf, right, wrong, words, others",
     [
         (ROUGH, "brdf_0.diffuse_reflectance.value", "brdf_0.alpha", "derivatives by alpha of", {}),
         (ROUGH, "brdf_0.diffuse_reflectance.value", "brdf_0.alpha", "derivatives by alpha of", ADAPTIVE),
         (MAP | {"b": BLEND}, "reflectance.value", "weight.value", "may be wrong", {}),
         (MAP | {"b": MASK}, "opacity.value", "diffuse_reflectance.value", "may be wrong", {}),
-        ({"type": "principled"}, "base_color.value", "roughness.value", "diffuse_bounces = -1", {"type": "prosim"}),
-        (ROUGH | {"b": {"type": "pplastic"}}, "eta.value", "alpha.value", "diffuse_bounces = -1", {"type": "prosim"}),
+        ({"type": "principled"}, "base_color.value", "roughness.value", "diffuse_bounces = -1", BY_TREE),
+        (ROUGH | {"b": {"type": "pplastic"}}, "eta.value", "alpha.value", "diffuse_bounces = -1", BY_TREE),
         ({"type": "principled", "sheen": 0.01}, "sheen.value", "clearcoat.value", "derivatives by clearcoat of", {}),
         ({"type": "principled"}, "roughness.value", None, "diffuse_bounces = -1", {}),  # here all rays are followed
+        ({"type": "diffuse"}, "sky.albedo.value", "sky.sun_direction", "sun_direction of 'sky' are wrong", SUNNY),
     ],
 )
-def test_derivatives_that_mitsuba_lacks_cause_a_warning(variant_rgb, logged, bsdf, right, wrong, words, integrator):
+def test_derivatives_that_mitsuba_lacks_cause_a_warning(variant_rgb, logged, bsdf, right, wrong, words, others):
     texture = {"texture": bitmap(np.ones((2, 2, 3)))} if bsdf["type"] == "bumpmap" else {}
-    scene = card_below_a_sky(bsdf | texture, **integrator)
+    scene = card_below_a_sky(bsdf | texture, **others)
     for name, warned in ((right, False), (wrong, True))[: 2 if wrong else 1]:
         params = mi.traverse(scene)
         key = next(key for key, _ in params if key.endswith(name))
@@ -540,22 +537,6 @@ def test_derivatives_that_mitsuba_lacks_cause_a_warning(variant_rgb, logged, bsd
 
 
 @pytest.mark.slow
-def test_derivatives_by_the_direction_of_the_sun_cause_a_warning(variant_rgb, logged):
-    scene = load_scene(
-        integrator=PATH | {"type": "prosim"},
-        sensor=camera([0, 3, 4], [0, 0, 0], film(2)),
-        sky={"type": "sunsky"},
-        card=ground(3, diffuse(0.5, 0.5, 0.5)),
-    )
-    params = mi.traverse(scene)
-    for name in "sky.albedo.value", "sky.sun_direction":
-        dr.enable_grad(params[name])
-        params.update()
-        dr.backward(dr.mean(mi.render(scene, params, spp=1), axis=None))
-        assert sum("sun_direction of 'sky' are wrong" in text for _, text in logged) == (name == "sky.sun_direction")
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("diffuse_bounces", [0, -1])
 def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bounces):
     """The image of a card, seen from behind, is proportional to the radiance of the sky. The noise is 0.2 %."""
@@ -563,12 +544,8 @@ def test_samples_that_glass_discards_have_no_derivative(variant_rgb, diffuse_bou
         {"type": "roughdielectric", "alpha": 0.4, "int_ior": 1.8},
         {"type": "principledthin", "diff_trans": 1.0, "spec_trans": 0.9, "roughness": 0.7, "eta": 1.4},
     ):
-        scene = load_scene(
-            integrator={"type": "prosim", "diffuse_bounces": diffuse_bounces},
-            sensor=camera([0, 3, -4], [0, 0, 0], film(8), fov=10),
-            sky={"type": "constant"},
-            card={"type": "rectangle", "bsdf": glass},
-        )
+        integrator = {"type": "prosim", "diffuse_bounces": diffuse_bounces}
+        scene = card_below_a_sky(glass, integrator=integrator, sensor=camera([0, 3, -4], [0, 0, 0], film(8), fov=10))
         params = mi.traverse(scene)
         dr.enable_grad(params["sky.radiance.value"])
         params.update()

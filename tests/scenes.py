@@ -132,6 +132,12 @@ def grid(n):
     return (mi.Point2f(i % n, i // n) + 0.5) / n
 
 
+def uniform(n, seed=0):
+    """Random numbers for ``n`` samples: one, and two of a point."""
+    u = np.random.default_rng(seed).random((3, n), dtype=np.float32)
+    return mi.Float(u[0]), mi.Point2f(u[1:])
+
+
 def only(flags):
     """The context in which only components of these types are enabled."""
     context = mi.BSDFContext()

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from drawing import curves
-from scenes import grid
+from scenes import grid, uniform
 
 COPPER = {"eta": {"type": "rgb", "value": [0.2, 0.92, 1.1]}, "k": {"type": "rgb", "value": [3.9, 2.45, 2.14]}}
 
@@ -21,11 +21,6 @@ def directions(n, seed):
 
 def spectrum(value):
     return np.array(mi.unpolarized_spectrum(value))
-
-
-def uniform(n, seed):
-    u = np.random.default_rng(seed).random((3, n))
-    return mi.Float(u[0]), mi.Point2f(u[1:])
 
 
 STRIPES = {"type": "prosim_stripes", "color0": 0.2, "color1": 0.9}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawing import curves
 from mitsuba_prosim.optics.nested import ambient_reflectance
-from scenes import FLAT, bitmap, derivative, load_scene, only, rgb, write_square
+from scenes import FLAT, bitmap, derivative, load_scene, only, rgb, uniform, write_square
 
 SPECULAR = mi.BSDFFlags.DeltaReflection
 
@@ -90,7 +90,7 @@ def test_a_texture_of_two_values_is_one_material_here_and_another_there(variant_
 @pytest.mark.parametrize("kind", ["prosim_conductor", "prosim_dielectric", "prosim_composite"])
 def test_a_texture_may_be_smooth_in_places(variant_rgb, kind):
     bsdf = mi.load_dict({"type": kind, "alpha": bitmap(np.array([0.0, 0.3]).reshape(1, 2, 1))})
-    u = np.random.default_rng(1).random((4, 1 << 16)).astype(np.float32)
+    u = np.random.default_rng(1).random((4, 1 << 16), dtype=np.float32)
     si = curves.interaction(mi.Vector3f(0.6, 0, 0.8) + dr.zeros(mi.Vector3f, 1 << 16))
     si.uv = mi.Point2f(u[0], 0.5)
     bs, weight = bsdf.sample(mi.BSDFContext(), si, mi.Float(u[1]), mi.Point2f(u[2:]))
@@ -197,9 +197,7 @@ def test_changed_reflectances_create_no_energy(variant_rgb, name, more, kd, ks):
     parameters.update()
     si = dr.zeros(mi.SurfaceInteraction3f, 1 << 16)
     si.wi = mi.Vector3f(0.6, 0, 0.8)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 1 << 16)
-    _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+    _, weight = bsdf.sample(mi.BSDFContext(), si, *uniform(1 << 16))
     mean = dr.mean(weight.x)
     assert mean[0] <= 1.001 and mean[0] > 0.8 * min(kd, 1)
     wo = mi.Vector3f(-0.6, 0, 0.8)
@@ -213,12 +211,10 @@ def test_spectra_of_colours_create_no_energy(variant_spectral, more):
     """The sum of the spectra is 1.99 at 780 nm. Colours whose own sum is above 1 keep it: it is the user's."""
     si = dr.zeros(mi.SurfaceInteraction3f, 1 << 16)
     si.wi, si.wavelengths = mi.Vector3f(0, 0, 1), mi.UnpolarizedSpectrum(400, 500, 600, 780)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 1 << 16)
     red = {"diffuse_reflectance": rgb(0.439, 0.07, 0.113)}
     for ks, expected in (rgb(0.56, 0.168, 0.886), 1), (rgb(0.7, 0.7, 0.9), 1.96):
         bsdf = mi.load_dict({"type": "prosim_phong", "specular_reflectance": ks, **red, **more})
-        _, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d())
+        _, weight = bsdf.sample(mi.BSDFContext(), si, *uniform(1 << 16))
         assert np.mean(weight, axis=1)[3] == pytest.approx(expected, rel=0.02)
 
 
@@ -239,9 +235,7 @@ def test_derivative_of_a_sample_is_a_finite_difference(variant_rgb, key, at, bsd
     bsdf, n, h = mi.load_dict(bsdf), 1 << 20, 0.02
     params, si = mi.traverse(bsdf), dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi = mi.Vector3f(0.8, 0, 0.6)
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, n)
-    u = sampler.next_1d(), sampler.next_2d()
+    u = uniform(n)
 
     def light(value):
         params[key] = value

@@ -88,9 +88,7 @@ def same_expectation(reference, images, significance=0.01, relative=1e-5):
         f"{channel}: {pair[0]:.6g}, the reference {pair[1]:.6g}. By chance one image in {1 / significance:.0f} has a "
         f"p below {least:.2g}; here {np.sum(p <= least)} of {p.size} blocks have."
     )
-    image, expected = images.mean(0), reference.mean(0)
+    image, mean = images.mean(0), reference.mean(0)
     table = np.array2string(p.min(axis=2), precision=1, max_line_width=10**6, threshold=10**6)
-    folder = leave(
-        f"{note}\n\np, block by block:\n{table}", image=image, reference=expected, difference=image - expected
-    )
+    folder = leave(f"{note}\n\np, block by block:\n{table}", image=image, reference=mean, difference=image - mean)
     raise AssertionError(f"the two have different expectations: {note}. See {folder}")

@@ -128,16 +128,13 @@ def test_example_is_its_reference(variant_rgb, name):
     if name == "palito" and mi.__version__ == "3.9.0":
         pytest.skip("tangents of meshes, which say how large a pixel is on the stripes, are those of Mitsuba 3.9.1")
     image, reference = references.render(name), references.kept(name)
-    assert reference is not None, (
-        f"tests/references has no {name}.exr: python tests/reference_pictures.py --keep {name}"
-    )
+    keep = f"python tests/reference_pictures.py --keep {name}"
+    assert reference is not None, f"tests/references has no {name}.exr: {keep}"
     if not references.same(image, reference):
         pixels, mean, largest = references.changes(image, reference)
         note = f"{pixels:.1%} of the pixels have changed, the mean by {mean:.2%}, one by {largest:.1%}"
         folder = leave(note, image=image, reference=reference, difference=image - reference)
-        pytest.fail(
-            f"{note}. See {folder}. If that is as it should be: python tests/reference_pictures.py --keep {name}"
-        )
+        pytest.fail(f"{note}. See {folder}. If that is as it should be: {keep}")
 
 
 def test_tolerance_tells_rounding_from_light(variant_rgb):

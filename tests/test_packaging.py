@@ -22,9 +22,7 @@ index_readme = runpy.run_path(str(ROOT / "hatch_build.py"))["absolute"]
 @pytest.mark.slow
 def test_wheel(tmp_path):
     """It is the same for every machine: pip may keep it, and install it elsewhere."""
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)], check=True, cwd=ROOT
-    )
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path], check=True, cwd=ROOT)
     (path,) = tmp_path.iterdir()
     assert path.name == f"mitsuba_prosim-{mitsuba_prosim.__version__}-py3-none-any.whl"
     with zipfile.ZipFile(path) as built:

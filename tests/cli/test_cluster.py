@@ -83,9 +83,8 @@ def test_a_scene_travels_with_the_files_that_it_names(lamp, tmp_path):
     texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="{}"/></texture>'
     shape = f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape></scene>'
     text = LAMP.replace('<rgb name="radiance" value="9"/>', '<spectrum name="radiance" filename="skins/$kind.spd"/>')
-    text = text.replace(
-        "<sensor", '<path value="unused"/><path value="skins"/><default name="kind" value="lamp"/><sensor', 1
-    )
+    paths = '<path value="unused"/><path value="skins"/><default name="kind" value="lamp"/>'
+    text = text.replace("<sensor", f"{paths}<sensor", 1)
 
     def bundle(name="a.$frame.exr", **how):
         path.write_text(text.replace("</scene>", shape.format(name)))
@@ -369,9 +368,8 @@ def test_the_array_of_the_documentation(scene, variant_rgb, install):
     """As its page has it, but for the scene and the number of parts."""
     install(IN_TURN)
     (script,) = re.findall(r"^cat > parts.sh <<'SCRIPT'\n.*?^sbatch parts.sh$", PAGE, re.MULTILINE | re.DOTALL)
-    script = (
-        script.replace("palito.scn", scene.name).replace("1-4", "1-2").replace("-of-4", "-of-2").replace("/4", "/2")
-    )
+    for old, new in ("palito.scn", scene.name), ("1-4", "1-2"), ("-of-4", "-of-2"), ("/4", "/2"):
+        script = script.replace(old, new)
     said = subprocess.run(["sh", "-c", script], check=True, capture_output=True, text=True).stdout
     assert re.findall(r"part (\d) of 2", said) == ["1", "2"]
     done("merge", *(f"night.{k}-of-2.npz" for k in (1, 2)), "-o", "night")

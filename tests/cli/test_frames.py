@@ -47,10 +47,8 @@ def kept(folder):
 @pytest.mark.slow
 def test_each_frame_is_the_image_of_the_scene_alone(film):
     assert rendered(film, "--frames", "0:6:2", "--seed", 5) == (3, 0)
-    assert names(film.parent) == [
-        *(f"film.{n}.{kind}" for n in ("0000", "0002", "0004") for kind in ("exr", "png")),
-        "film.scn",
-    ]
+    frames = [f"film.{n}.{kind}" for n in ("0000", "0002", "0004") for kind in ("exr", "png")]
+    assert names(film.parent) == [*frames, "film.scn"]
     alone = film.with_name("alone")
     run("render", film, "-D", "frame=4", "--seed", 9, "-o", alone)
     assert rendered(film, "--frames", 4, "--seed", 5, "-o", film.with_name("one")) == (1, 0)
@@ -150,9 +148,7 @@ def test_frames_need_the_name_frame(film):
 
 
 def test_scenes_in_xml_have_frames_too(scene):
-    scene.write_text(
-        XML.replace("$radiance", "0.$frame").replace('name="radiance" value="0.5"', 'name="frame" value="9"')
-    )
+    scene.write_text(XML.replace('radiance" value="0.5"', 'frame" value="9"').replace("$radiance", "0.$frame"))
     assert rendered(scene, "--frames", "25:27") == (2, 0)
     assert pixels(scene.with_name("scene.0025.exr"))[0, 0, 0] == pytest.approx(0.25)
     assert rendered(scene, "--frames", "25:28") == (1, 2)

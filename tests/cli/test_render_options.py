@@ -78,8 +78,13 @@ def test_resolution_of_a_scene_that_no_film_can_hold(palito):
     refused("too many pixels", "render", palito, "--tolerance", 1000)
 
 
+def integrator_of(scene, **options):
+    """That of the scene with these options of the command."""
+    return scene_file.SceneFile(scene, scene.parent / "out", integrator=Job(**options).integrator).load().integrator()
+
+
 @pytest.mark.parametrize("suffix", [".scn", ".xml"])
-def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
+def test_parameters_of_the_integrator(palito, variant_rgb, suffix):
     scene = palito if suffix == ".scn" else prosim_scene.translate(palito)
     others = {"max_level": 2, "samples": 2}
     for asked, expected in [
@@ -87,7 +92,7 @@ def test_parameters_of_the_integrator(palito, tmp_path, variant_rgb, suffix):
         ({"paths": True} | others, {"diffuse_bounces": -1} | others),
         ({"max_level": 0}, {"diffuse_bounces": 0, "max_level": 0}),
     ]:
-        made = scene_file.SceneFile(scene, tmp_path / "out", integrator=Job(**asked).integrator).load().integrator()
+        made = integrator_of(scene, **asked)
         assert all(f"{name} = {value}" in str(made) for name, value in expected.items())
         assert (made.ambient is None) == ("paths" in asked)
 
@@ -103,13 +108,10 @@ def test_the_number_of_samples_has_one_name(palito, tmp_path, variant_rgb):
         scene_file.SceneFile(path, tmp_path / "out", tolerance=None, allow_outside=False)
 
 
-@pytest.mark.parametrize(
-    "written, asked", [("", None), ("", True), ("CAUSTICS TRUE\n", None), ("CAUSTICS TRUE\n", False)]
-)
-def test_caustics_option_overrides_the_scene(palito, tmp_path, variant_rgb, written, asked):
-    palito.write_text(written + palito.read_text(encoding="utf-8"), encoding="utf-8")
-    loaded = scene_file.SceneFile(palito, tmp_path / "out", integrator=Job(caustics=asked).integrator).load()
-    assert loaded.integrator().caustics is (bool(written) if asked is None else asked)
+@pytest.mark.parametrize("written, asked", [(False, None), (False, True), (True, None), (True, False)])
+def test_caustics_option_overrides_the_scene(palito, variant_rgb, written, asked):
+    palito.write_text("CAUSTICS TRUE\n" * written + palito.read_text(encoding="utf-8"), encoding="utf-8")
+    assert integrator_of(palito, caustics=asked).caustics is (written if asked is None else asked)
 
 
 def test_the_command_line_makes_a_job(scene, monkeypatch):
@@ -266,8 +268,7 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
         pytest.importorskip("mitsuba_oidn")
     scene.write_text(scene_text(integrator, LIT_FLOOR))
     assert "prosim in place of " in done("render", scene, "--paths").stdout
-    file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)
-    made = file.load().integrator()
+    made = integrator_of(scene, paths=True)
     assert getattr(made, "nested", made).diffuse_bounces == -1
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
 
@@ -285,8 +286,7 @@ def test_paths_keep_the_parameters_of_the_integrator(scene, variant_rgb, plugin,
         hides = '<boolean name="hide_emitters" value="true"/>'
         text = around.format(f'<integrator type="{plugin}">{numbers}{hides}</integrator>')
         scene.write_text(scene_text(text, LIT_FLOOR))
-        parameters = Job(paths=True, **options).integrator
-        return scene_file.SceneFile(scene, scene.parent, integrator=parameters).load().integrator()
+        return integrator_of(scene, paths=True, **options)
 
     assert [made(depth).max_level for depth in (2, 3, 8, -1)] == [0, 1, 6, -1]
     assert made(8, max_level=-1).max_level == -1 and made(1, max_level=3).max_level == 3
@@ -298,8 +298,7 @@ def test_paths_keep_the_parameters_of_the_integrator(scene, variant_rgb, plugin,
 def test_paths_keep_the_channels_of_nested_integrators(scene, variant_rgb):
     samples = '<integrator type="prosim_adaptive"><string name="aovs" value="samples"/>{}</integrator>'
     scene.write_text(scene_text(samples.format(AOV.format('<integrator type="path"/>')), LIT_FLOOR))
-    file = scene_file.SceneFile(scene, scene.parent, integrator=Job(paths=True).integrator)
-    assert file.load().integrator().aov_names() == ["d.T", "samples"]
+    assert integrator_of(scene, paths=True).aov_names() == ["d.T", "samples"]
 
 
 @pytest.mark.parametrize("depth, rr_depth, hides", [(-1, 5, False), (2, 5, True), (8, 9, False)])
@@ -308,8 +307,8 @@ def test_with_a_target_prosim_follows_the_paths_of_path(scene, variant_rgb, dept
     limits = f'<integer name="max_depth" value="{depth}"/><integer name="rr_depth" value="{rr_depth}"/>'
     limits += f'<boolean name="hide_emitters" value="{str(hides).lower()}"/>'
     scene.write_text(scene_text(f'<integrator type="path">{limits}</integrator>', LIT_FLOOR))
-    file, loaded = scene_file.SceneFile(scene, scene.parent, integrator={"noise": 0.05}), mi.load_file(str(scene))
-    for ours in (file.load().integrator(), with_targets(loaded.integrator(), loaded)):
+    loaded = mi.load_file(str(scene))
+    for ours in (integrator_of(scene, noise=0.05), with_targets(loaded.integrator(), loaded)):
         assert (ours.max_level, ours.diffuse_bounces) == (max(depth - 2, -1), -1)
         assert (ours.rr_depth, ours.hide_emitters) == (rr_depth, hides)
     assert "prosim in place of path" in done("render", scene, "--noise", 0.1).stdout
@@ -320,10 +319,9 @@ def test_ptracer_cannot_reach_a_target(scene, variant_rgb):
     loaded = mi.load_file(str(scene))
     with pytest.raises(ValueError, match="ParticleTracerIntegrator follows light from the lamps"):
         with_targets(loaded.integrator(), loaded)
+    says = "scene.xml: ptracer follows light from the lamps, and has no target; give --spp"
     for option in "--noise", "--time":
-        refused(
-            "scene.xml: ptracer follows light from the lamps, and has no target; give --spp", "render", scene, option, 1
-        )
+        refused(says, "render", scene, option, 1)
 
 
 HOLE = '<shape type="sphere"><bsdf type="mask"><bsdf type="diffuse"/></bsdf></shape>'
@@ -377,8 +375,8 @@ def test_target_goes_to_the_integrator_that_prosim_denoised_nests(scene, variant
     aovs = '<string name="aovs" value="d:depth"/>' * (nested == "aov")
     text = f'<integrator type="prosim_denoised"><integrator type="{nested}">{inner}{aovs}</integrator></integrator>'
     scene.write_text(scene_text(text, LIT_FLOOR))
-    for options in ({"noise": 0.05}, {"noise": 0.05, "diffuse_bounces": -1}):
-        made = scene_file.SceneFile(scene, scene.parent, integrator=options).load().integrator()
+    for options in ({}, {"paths": True}):
+        made = integrator_of(scene, noise=0.05, **options)
         assert "denoised.R" in made.aov_names() and made.nested.noise == 0.05
 
 

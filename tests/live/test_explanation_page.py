@@ -41,9 +41,7 @@ def test_page_fits_and_says_what_it_shows(page):
     assert "of 16 samples make 90 %" in page.text_content("#error")
     assert page.text_content("#sample").endswith(" % of the squared error")
     # The image comes before the sentences, and fits into the first screen.
-    bottom, light = page.evaluate(
-        "['frame', 'light'].map(id => find(id).getBoundingClientRect()).map(box => box.bottom)"
-    )
+    bottom, light = page.evaluate("['frame', 'light'].map(id => find(id).getBoundingClientRect().bottom)")
     assert bottom < 800 and bottom < light
     assert page.get_attribute("#tree [aria-pressed=true]", "data-number") == page.text_content("#node td").split(",")[0]
     page.focus("#tree [data-number='1']")
@@ -74,9 +72,7 @@ def test_keyboard_chooses_samples_and_nodes(page):
     page.keyboard.press("Space")
     number = page.locator("#tree [role=button]").last.get_attribute("data-number")  # as in Python
     last = page.evaluate(f"tree.nodes.find(node => node.number === {number})")
-    assert page.text_content("#node td").startswith(
-        f"{last['number']}, from node {last['parent']}, level {last['level']}"
-    )
+    assert page.text_content("#node td").startswith("{number}, from node {parent}, level {level}".format(**last))
 
 
 def test_view_from_outside_turns_by_mouse_and_keys(page):

@@ -184,11 +184,8 @@ def test_changed_reflectances_create_no_energy(variant_rgb, name, more, kd, ks):
     """In a white furnace the mean of 65,536 samples is at most 1. The gradients are those of the limited values: none
     by ks, and by kd where it is at most 1.
     """
-    more = {"exponent": 20.0} if more and name == "phong" else more
-    index = {"int_ior": 10.0} if name == "composite" else {}
-    bsdf = mi.load_dict(
-        {"type": f"prosim_{name}", "diffuse_reflectance": 0.3, "specular_reflectance": 0.4, **index, **more}
-    )
+    more = more | {"int_ior": 10.0} if name == "composite" else {"exponent": 20.0} if more else {}
+    bsdf = mi.load_dict({"type": f"prosim_{name}", "diffuse_reflectance": 0.3, "specular_reflectance": 0.4, **more})
     parameters = mi.traverse(bsdf)
     names = "diffuse_reflectance.value", "specular_reflectance.value"
     for key, value in zip(names, (kd, ks)):

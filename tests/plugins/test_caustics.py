@@ -104,9 +104,8 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     spread = pixel if times else 1e-9  # else rounding may change a radius
     footprint = Footprint(mi.Point3f(0.4, 3, 0.1), mi.Float(pixel), mi.Float(spread))
     place = mi.Point3f(*p.T)
-    landed = Landed(
-        place, mi.Vector3f(*d.T), mi.Color3f(*flux.T), dr.full(mi.Bool, True, count), mi.Float(0), mi.UInt32(0)
-    )
+    valid = dr.full(mi.Bool, True, count)
+    landed = Landed(place, mi.Vector3f(*d.T), mi.Color3f(*flux.T), valid, mi.Float(0), mi.UInt32(0))
     photons = Photons(landed, mi.UInt32(map_of), maps, footprint)
     si = dr.zeros(mi.SurfaceInteraction3f, size)
     si.p, si.n = mi.Point3f(*points.T), mi.Normal3f(*normal.T)
@@ -494,11 +493,8 @@ def test_a_mirror_lights_a_floor_as_the_image_of_the_lamp_would(variant_rgb, kin
 @pytest.mark.parametrize("bsdf, level", [(ROUGH, 1), ({"type": "diffuse"}, 0)], ids=["rough metal", "diffuse"])
 def test_a_mirror_lights_a_floor_as_another_sun_would(variant_rgb, tmp_path, bsdf, level):
     """Vertex normals are tilted against the facets: those of the mirror down, those of the floor to the mirror."""
-    sensor, sun, n = (
-        parallel(6, 0.3, (3.2, 3, 0), (1.2, 0, 0)),
-        np.array([-2, -0.8, -0.1]),
-        np.array([0.985, -0.174, 0]),
-    )
+    sensor = parallel(6, 0.3, (3.2, 3, 0), (1.2, 0, 0))
+    sun, n = np.array([-2, -0.8, -0.1]), np.array([0.985, -0.174, 0])
     normals = [np.tile(normal, 4) for normal in ((0, -0.174, 0.985), (-0.26, 0, 0.966))]
     mirror, floor = (write_square(tmp_path / f"{k}.ply", normals=normal) for k, normal in enumerate(normals))
     upright = T().translate([0, 1.1, 0.1]).rotate([0, 1, 0], 90).scale(0.6)

@@ -102,13 +102,12 @@ def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(vari
     checkpoint.save(made(), path)
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-    members["pixels.total.npy"] = members["pixels.total.npy"].replace(b"(15,)       ", b"(1000000,)  ") + bytes(
-        4 * 10**6
-    )
+    few, many = members["pixels.total.npy"], bytes(4 * 10**6)
+    members["pixels.total.npy"] = few.replace(b"(15,)       ", b"(1000000,)  ") + many
     with zipfile.ZipFile(path, "w", compression, compresslevel=1) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
-    del members
+    del members, few, many
     tracemalloc.start()
     try:
         with pytest.raises(CheckpointError, match="is damaged"):
@@ -121,12 +120,9 @@ def test_checkpoint_with_compressed_members_is_refused_before_they_are_read(vari
 def test_a_checkpoint_of_another_version_or_variant_is_refused(variant_rgb, tmp_path, monkeypatch):
     path, here = tmp_path / "a.state.npz", environment.this_environment()
     assert all(here.values()) and here["variant"] == mi.variant()
-    for name, says in [
-        ("mitsuba-prosim", "mitsuba-prosim 0.0 there"),
-        ("variant", "variant 0.0 there, llvm_ad_rgb here"),
-    ]:
+    for name, says in ("mitsuba-prosim", "here"), ("variant", "llvm_ad_rgb here"):
         checkpoint.save(replace(made(), environment=here | {name: "0.0"}), path)
-        with pytest.raises(CheckpointError, match=says):
+        with pytest.raises(CheckpointError, match=f"{name} 0.0 there, .*{says}"):
             checkpoint.load(path)
     checkpoint.save(replace(made(), environment=here | {"processor": "another"}), path)
     with pytest.warns(UserWarning, match="processor another there"):

@@ -20,6 +20,12 @@ BLEND = {"type": "blendbsdf", "weight": 0.4, "a": COPPER, "b": diffuse(0.2, 0.5,
 ABSORBING = {"type": "homogeneous", "albedo": 0.0, "sigma_t": rgb(1.0, 0.3, 0.75)}
 PATHS = {"diffuse_bounces": -1, "rr_depth": 2}
 BLACK_SKY = {"ambient": 0.1, "background": rgb(0.1, 0.2, 0.3), "hide_emitters": True}
+
+
+def point(position, intensity):
+    return {"type": "point", "position": position, "intensity": intensity}
+
+
 #: name -> (material of the ball, parameters of the integrator, further things).
 CASES = {
     "tree": (GLASS, BLACK_SKY, {}),
@@ -31,7 +37,7 @@ CASES = {
     "blends": (BLEND, PATHS, {}),
     "absorption": ({"type": "dielectric"}, {}, {"interior": ABSORBING}),
     "caustics": ({"type": "dielectric"}, {"caustics": True, "caustic_photons": 5000}, {}),
-    "lamps": (COPPER, {}, {f"lamp_{k}": (k - 2.5, 3.5, -1.0) for k in range(5)}),
+    "lamps": (COPPER, {}, {f"lamp_{k}": point((k - 2.5, 3.5, -1.0), rgb(2, 3, 4)) for k in range(5)}),
 }
 
 
@@ -44,12 +50,7 @@ def scene_of(name, rfilter="box", **more):
     made = penumbra(ball, SIZE, rfilter, **integrator)
     made["ball"] |= {"interior": things["interior"]} if "interior" in things else {}
     panel = rectangle(T().look_at([0, 3, 3], [0, 0, 0], [0, 0, 1]).scale(0.5), **area(9.0))
-    lamps = {
-        key: {"type": "point", "position": place, "intensity": rgb(2, 3, 4)}
-        for key, place in things.items()
-        if key.startswith("lamp")
-    }
-    return mi.load_dict(made | {"panel": panel} | lamps | {k: v for k, v in things.items() if k == "sky"})
+    return mi.load_dict(made | {"panel": panel} | without(things, "interior"))
 
 
 def pixels(count, seed=0):
@@ -128,11 +129,8 @@ def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
 @pytest.mark.parametrize("name", ["tree", *slow("lamps", "paths")])
 def test_occluders_are_what_rays_meet(variant_rgb, name):
     scene = scene_of(name)
-    nodes = [
-        node
-        for pixel in pixels(4 if name == "tree" else 12, 1)
-        for node in mitsuba_prosim.explain(scene, pixel, spp=SPP).nodes
-    ]
+    told = (mitsuba_prosim.explain(scene, pixel, spp=SPP) for pixel in pixels(4 if name == "tree" else 12, 1))
+    nodes = [node for one in told for node in one.nodes]
     lit = [(node, lamp) for node in nodes for lamp in node.lamps if lamp.state in ("visible", "hidden")]
     origin, target = (mi.Point3f(np.transpose(p)) for p in zip(*((node.position, lamp.point) for node, lamp in lit)))
     distance, d = dr.norm(target - origin), dr.normalize(target - origin)
@@ -183,8 +181,7 @@ def test_explanation_chooses_the_brightest_sample_and_is_json(variant_rgb):
 def with_lamps(count):
     made = penumbra(COPPER, SIZE, type="prosim", max_level=1)
     places = np.random.default_rng(2).uniform([-3, 3, -3], [3, 4, 3], (count, 3)).tolist()
-    lamps = [{"type": "point", "position": place, "intensity": rgb(0.2, 0.3, 0.4)} for place in places]
-    return mi.load_dict(made | {f"lamp_{k}": lamp for k, lamp in enumerate(lamps)})
+    return mi.load_dict(made | {f"lamp_{k}": point(place, rgb(0.2, 0.3, 0.4)) for k, place in enumerate(places)})
 
 
 @pytest.mark.slow
@@ -323,7 +320,7 @@ def test_explanation_leaves_the_image_as_it_was(variant_rgb):
 def test_sample_that_is_not_finite_counts_as_black_and_says_so(variant_rgb):
     made = without(penumbra(None, SIZE, type="prosim"), "light")
     made["ball"] |= {"emitter": {"type": "area", "radiance": 3e38}, "bsdf": diffuse(1, 1, 1)}
-    made |= {"lamp": {"type": "point", "position": [0.5, 0.9, 1.0], "intensity": 3e38}}
+    made |= {"lamp": point([0.5, 0.9, 1.0], 3e38)}
     samples = Samples(mi.load_dict(made), (8, 7), 4)
     black, *_ = np.flatnonzero(samples.values.sum(axis=1) == 0)
     told = samples.explanation(int(black))
@@ -352,7 +349,7 @@ def blurred():
 def glass_under_a_point_light(**settings):
     """A smooth glass ball, whose rays have a single direction, and whose lamp has a single point."""
     made = penumbra({"type": "dielectric"}, 64, type="prosim", **settings)
-    return made | {"light": {"type": "point", "position": [-1, 4, 2], "intensity": 30.0}}
+    return made | {"light": point([-1, 4, 2], 30.0)}
 
 
 #: Dimension -> (a scene, a pixel) whose noise it carries alone.
@@ -384,7 +381,7 @@ def test_equal_samples_have_no_noise(variant_rgb, background):
 def test_outliers_name_lamp_and_surface(variant_rgb):
     """Two lamps and ambient light; the noise is that of the shadow of one lamp."""
     made = penumbra(None, 512, type="prosim", ambient=5.0)
-    made["far"] = {"type": "point", "position": [0, 9, 9], "intensity": 9.0}
+    made["far"] = point([0, 9, 9], 9.0)
     _, said = shares_at(made, ALONE["lamp"][1])
     assert "the light of light by way of wall" in said and "What would help: more samples." in said
 
@@ -415,14 +412,13 @@ def test_sentences_tell_where_light_comes_from_and_what_hides_it(variant_rgb):
     told = mitsuba_prosim.explain(mi.load_dict(penumbra(None, 512, type="prosim")), ALONE["lamp"][1], spp=16)
     first, second = told.light
     assert first == "Where the light comes from: the light of light by way of wall (100%)."
-    assert second.startswith("Seen from wall at level 0: of 16 points of light, ") and second.endswith(
-        " hidden by ball."
-    )
+    assert second.startswith("Seen from wall at level 0: of 16 points of light, ")
+    assert second.endswith(" hidden by ball.")
     assert 0 < int(second.split()[-4]) < 16
 
 
 def bulb(**more):
-    return {"type": "point", "intensity": 9.0, "position": [0, 3, 0], **more}
+    return point([0, 3, 0], 9.0) | more
 
 
 CONE = {"type": "prosim_point", "distribution": "cone", "angle": 20, "direction": [1, 0, 0]}
@@ -457,9 +453,7 @@ def test_points_of_lamps_that_add_no_light_say_why(variant_rgb, name):
         bsdf=GLASS if name == "glass" else diffuse(0.3, 0.4, 0.5),
     )
     made = without(penumbra(None, SIZE, type="prosim", max_level=0), "wall", "pole", "ball", "light")
-    made |= {"floor": made["floor"] | {"bsdf": bsdf}, "lamp": lamp()} | (
-        {"plate": plate} if occluder == "plate" else {}
-    )
+    made |= {"floor": made["floor"] | {"bsdf": bsdf}, "lamp": lamp()} | ({"plate": plate} if occluder else {})
     made["sensor"] |= {"to_world": T().look_at([0.1, 1.5, 1], [0, 0, 0], [0, 1, 0])}
     told = mitsuba_prosim.explain(mi.load_dict(made), (8, 8), spp=4)
     assert [(one.state, one.occluder) for one in told.nodes[0].lamps] == [(state, occluder)]
@@ -493,9 +487,8 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
     found = explanation_page.patterns(samples.estimator, samples.plan, samples.where, n * n, trees)
     for _, _, numbers in found:
         cells = np.reshape(numbers, (n, n, 2)) * n // 1000
-        assert (np.sort(cells, axis=1) == np.arange(n)[:, None]).all() and len(
-            {*map(tuple, cells.reshape(-1, 2))}
-        ) == 16
+        assert (np.sort(cells, axis=1) == np.arange(n)[:, None]).all()
+        assert len({*map(tuple, cells.reshape(-1, 2))}) == 16
     pixel = next(np.reshape(numbers, (-1, 2)) for number, label, numbers in found if (number, label) == (1, "pixel"))
     for nodes, place in zip(trees, (pixel + 0.5) / 1000):
         ray, _ = scene.sensors()[0].sample_ray(0, 0.5, np.add(place, (x, y)) / SIZE, [0.5, 0.5])
@@ -504,7 +497,5 @@ def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name,
     monkeypatch.setattr(type(samples.plan), "points", lambda *where: Asked(points(*where), asked))
     with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
         samples.estimator.sample(samples.plan, *(mi.Int32(value) for value in (x, y)), dr.arange(mi.UInt32, n * n))
-    shown = {
-        transport.space(k, space) for nodes in trees for k, space, _ in explanation_page.node_spaces(transport, nodes)
-    }
+    shown = {transport.space(k, s) for nodes in trees for k, s, _ in explanation_page.node_spaces(transport, nodes)}
     assert shown <= asked and len(shown) == len(found) - 1 > 0

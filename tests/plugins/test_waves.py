@@ -24,6 +24,7 @@ from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, sl
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 CHECKED = {"type": "checkerboard"}
+GLOSSY = {"type": "roughdielectric", "alpha": 0.05}
 
 
 def render(*arguments, seed=0, **settings):
@@ -254,13 +255,11 @@ def test_bound_of_the_error_counts_unless_few_pixels_have_most_of_it(noise, exce
     assert np.isnan(ErrorTarget((0, 0), 9, 0).excess(noise)) and ErrorTarget((1, 0), 0, 0).excess([1e200] * 3) == 1e100
 
 
-@pytest.mark.parametrize(
-    "passed, left, done, is_up", [(20, 50, 0.5, False), (69.5, 0.5, 0.995, True), (90, -20, 1, True)]
-)
-def test_time_limit_reserves_what_the_denoiser_needs(passed, left, done, is_up):
+@pytest.mark.parametrize("passed, left, done, up", [(20, 50, 0.5, False), (69.5, 0.5, 0.995, True), (90, -20, 1, True)])
+def test_time_limit_reserves_what_the_denoiser_needs(passed, left, done, up):
     target = ErrorTarget((0, 0), 100, time.perf_counter() - passed, reserved=30)
     assert (target.seconds_left, target.progress(0.1)) == pytest.approx((left, done), abs=0.1)
-    assert target.time_is_up == is_up and target.progress(0.1) <= 1 and target.item_seconds >= 0.01
+    assert target.time_is_up == up and target.progress(0.1) <= 1 and target.item_seconds >= 0.01
 
 
 @pytest.mark.slow
@@ -341,21 +340,17 @@ def test_a_render_goes_on_while_only_the_second_image_has_met_light(variant_rgb)
 @pytest.mark.parametrize(
     "glass, lamp, samples",
     [
-        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "directional"}, np.inf),
-        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "point"}, np.inf),
+        (GLOSSY, {"type": "directional"}, np.inf),
+        (GLOSSY, {"type": "point"}, np.inf),
         ({"type": "principled", "spec_trans": 1.0, "roughness": 0.2}, {"type": "spot"}, np.inf),
-        ({"type": "roughdielectric", "alpha": 0.05}, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), 10**7 / 3),
+        (GLOSSY, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), 10**7 / 3),
         ({"type": "dielectric"}, sphere_lamp([0, 0, 5], 0.05, rgb(1, 1, 1)), 10**7 / 3),
         ({"type": "dielectric"}, sphere_lamp([0, 0, 5], 0.5, rgb(1, 1, 1)), 0),
-        ({"type": "roughdielectric", "alpha": 0.05}, {"type": "constant"}, 0),
+        (GLOSSY, {"type": "constant"}, 0),
         ({"type": "roughdielectric", "alpha": 0.5}, {"type": "directional"}, 0),
         ({"type": "dielectric"}, {"type": "directional"}, 0),
-        ({"type": "mask", "b": {"type": "roughdielectric", "alpha": 0.05}}, {"type": "directional"}, np.inf),
-        (
-            {"type": "bumpmap", "t": CHECKED, "b": {"type": "roughdielectric", "alpha": 0.05}},
-            {"type": "directional"},
-            np.inf,
-        ),
+        ({"type": "mask", "b": GLOSSY}, {"type": "directional"}, np.inf),
+        ({"type": "bumpmap", "t": CHECKED, "b": GLOSSY}, {"type": "directional"}, np.inf),
         ({"type": "hair"}, {"type": "directional"}, 0),
         (COPPER, {"type": "directional"}, 0),
         (COPPER | {"alpha": 0.01}, {"type": "directional"}, np.inf),
@@ -410,12 +405,11 @@ def test_bound_without_a_target_holds_or_is_unknown(variant_rgb, alpha):
     if alpha:
         scene["small-box"]["bsdf"] = {"type": "roughconductor", "alpha": alpha}
     loaded = mi.load_dict(scene)
-    reference = displayed_luminance(
-        np.mean([mi.render(loaded, seed=900 + k, spp=256) for k in range(4 if alpha else 2)], 0)
-    )
+    count = 4 if alpha else 2
+    reference = displayed_luminance(np.mean([mi.render(loaded, seed=900 + k, spp=256) for k in range(count)], 0))
     integrator = mi.load_dict({"type": "prosim_adaptive", "nested": {"type": "path"}})
     for spp in (6, 12, 100) if alpha else (6, 12):
-        for seed in range(4 if alpha else 2):
+        for seed in range(count):
             render = integrator.progressive(loaded, seed=seed, spp=spp).run()
             bound = render.noise_bound()
             off = displayed_luminance(render.image()) - reference

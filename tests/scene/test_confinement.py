@@ -19,6 +19,9 @@ SPECTRUM = '<bsdf type="diffuse"><spectrum name="reflectance" filename="{}"/></b
 STRING = '<shape type="ply">\n  <string name="filename" value="{}"/></shape>'
 METAL = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
 HERE = '<scene version="3.0.0">\n{}</scene>'
+SKY = HERE.format('<emitter type="constant"/>')
+
+XX = INCLUDE.format("$xx/secret.xml")
 
 #: What a scene names, with OUT for the absolute path of the folder around its own.
 OUTSIDE = {
@@ -37,12 +40,8 @@ OUTSIDE = {
     "a folder to search by its path": '<path value="OUT"/>',
     "a parameter": DEFAULT.format("x", "..") + INCLUDE.format("$x/secret.xml"),
     "a folder to search, a link": '<path value="up"/>',
-    "parameters that begin alike": DEFAULT.format("x", "a")
-    + DEFAULT.format("xx", "..")
-    + INCLUDE.format("$xx/secret.xml"),
-    "a parameter in a parameter": DEFAULT.format("xx", r"\$y")
-    + DEFAULT.format("y", "..")
-    + INCLUDE.format("$xx/secret.xml"),
+    "parameters that begin alike": DEFAULT.format("x", "a") + DEFAULT.format("xx", "..") + XX,
+    "a parameter in a parameter": DEFAULT.format("xx", r"\$y") + DEFAULT.format("y", "..") + XX,
     "a parameter of the command": INCLUDE.format("$x.xml"),
     "a parameter of what is included": INCLUDE.format("parts/default.xml") + INCLUDE.format("$up/secret.xml"),
     "a mesh that is not there": STRING.format("../none.ply"),
@@ -65,9 +64,7 @@ def folder(tmp_path, monkeypatch):
     for end in (".xml", ".spd", ".ply"):
         (tmp_path / f"secret{end}").write_text("SECRET 1")
         (folder / f"link{end}").symlink_to(tmp_path / f"secret{end}")
-        (folder / f"good{end}").write_text(
-            "400 1\n700 1" if end == ".spd" else HERE.format('<emitter type="constant"/>')
-        )
+        (folder / f"good{end}").write_text("400 1\n700 1" if end == ".spd" else SKY)
     (tmp_path / "plugins").mkdir()
     for end in LIBRARIES:
         (tmp_path / "plugins" / f"secret{end}").write_text("SECRET")
@@ -273,7 +270,7 @@ def test_confinement_checks_the_text_that_mitsuba_parsed(variant_rgb, folder, mo
         return parse(config, path, **parameters)
 
     monkeypatch.setattr(mi.parser, "parse_file", exchanged)
-    (folder.parent / "other.xml").write_text(HERE.format('<emitter type="constant"/>'))
+    (folder.parent / "other.xml").write_text(SKY)
     texts = [STRING.format("../secret.ply"), INCLUDE.format("../other.xml")]
     for says in ("changed while", "names"):
         with pytest.raises(OutsideError, match=says):

@@ -15,12 +15,10 @@ from scenes import in_threads
 
 
 def test_message_without_a_traceback_and_with_its_cause():
-    cause = RuntimeError(
-        "could not load:\nTraceback (most recent call last):\n  File a, line 1\nValueError: it is wrong"
-    )
+    cause = RuntimeError("can't load:\nTraceback (most recent call last):\n  File a, line 1\nValueError: it is wrong")
     error = RuntimeError(words := "dr.while_loop(): encountered an exception (see above).")
     error.__cause__ = cause
-    assert session.message(error) == f"{words} could not load:\nit is wrong"
+    assert session.message(error) == f"{words} can't load:\nit is wrong"
 
 
 def test_a_variant_without_its_backend(monkeypatch):
@@ -41,15 +39,11 @@ def test_plugins_are_registered_after_an_attempt_that_failed(variant_rgb, monkey
 
 
 @pytest.mark.parametrize("integrator, parallel", [("prosim", False), ("path", True)])
-def test_scenes_with_plugins_in_python_are_not_made_in_parallel(
-    variant_rgb, write_scene, monkeypatch, integrator, parallel
-):
-    """Mitsuba 3.9 fails now and then if they are."""
+def test_scenes_with_plugins_in_python_are_not_parallel(variant_rgb, write_scene, monkeypatch, integrator, parallel):
+    """Mitsuba 3.9 fails now and then if their objects are made in parallel."""
     path = write_scene(f'<scene version="3.0.0"><integrator type="{integrator}"/></scene>', "scene.xml")
     asked, make = [], mi.parser.instantiate
-    monkeypatch.setattr(
-        mi.parser, "instantiate", lambda config, state: asked.append(config.parallel) or make(config, state)
-    )
+    monkeypatch.setattr(mi.parser, "instantiate", lambda how, state: asked.append(how.parallel) or make(how, state))
     scene_file.instantiate(scene_file.parse(path, {}))
     assert asked == [parallel]
 
@@ -160,9 +154,8 @@ def test_the_files_of_spectra_are_those_that_mitsuba_reads(variant_rgb, tmp_path
     assert files(default + '<include filename="a/part.xml"/>') == ["red.spd"]
     assert files('<include filename="a/more.xml"/>') == ["a/blue.spd"]  # what includes has its own folder searched
     assert files('<path value="a/b"/>' + default + '<include filename="a/part.xml"/>') == ["red.spd"]
-    assert files('<default name="f" value="red"/><default name="fi" value="gre"/>' + said.format("$fien.spd")) == [
-        "green.spd"
-    ]
+    alike = '<default name="f" value="red"/><default name="fi" value="gre"/>'
+    assert files(alike + said.format("$fien.spd")) == ["green.spd"]
 
 
 def test_material_beside_the_scene_is_a_part_of_it(variant_rgb, tmp_path):

@@ -121,9 +121,7 @@ def surfaces(scene, origins, directions):
         later = np.where(times > t + COINCIDENT, times, np.inf).min(axis=0)
         before = np.where(np.isfinite(earlier), (np.maximum(earlier, -1e9) + t) / 2, t - 1)
         after = np.where(np.isfinite(later), (later + t) / 2, t + 1)
-        state = [
-            tuple(np.any([(a < at) & (at < b) for a, b in leaf], axis=0) for at in (before, after)) for leaf in ends
-        ]
+        state = [tuple(np.any([(a < at) & (at < b) for a, b in leaf], 0) for at in (before, after)) for leaf in ends]
         first, second, owner = evaluate(scene.csg, state)
         yield t, ~first & second, np.where(np.isfinite(t) & (t > COINCIDENT), owner, -1)
 

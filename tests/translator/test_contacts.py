@@ -80,15 +80,9 @@ INSIDE = {
 
 #: One of each pair of kinds, with the hardest of each.
 QUICK = ("lens of 1e-05 in a tube", "lens askew in a tube", "disc in a ball", "disc on the wall of a ball")
-QUICK += (
-    "ball in a flat ball",
-    "ball in a stump",
-    "tube in a tube",
-    "stump in a cone",
-    "three cones",
-    "ball in a ring",
-)
-QUICK += ("ring in a ball", "ring in a ring", "ring on the wall of a ring", "coating of a tube", "three deep")
+QUICK += ("ball in a flat ball", "ball in a stump", "tube in a tube", "stump in a cone", "three cones")
+QUICK += ("ball in a ring", "ring in a ball", "ring in a ring", "ring on the wall of a ring", "coating of a tube")
+QUICK += ("three deep",)
 NAMES = [*QUICK, *slow(*(name for name in INSIDE if name not in QUICK))]
 
 

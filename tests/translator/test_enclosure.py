@@ -71,9 +71,7 @@ def test_light_in_an_opaque_solid_is_named(told, lights, tree, what, solid):
     warned = told(lights, tree)
     assert len(warned) == bool(what)
     for one in warned:
-        assert re.fullmatch(
-            rf".*{what} on line 1 is inside {solid} \(line 5\), which is opaque; move it .*", one.reason
-        )
+        assert re.search(rf"{what} on line 1 is inside {solid} \(line 5\), which is opaque; move it ", one.reason)
         assert one.reason.startswith("a part") == what.startswith("a part") and one.line == 1
 
 
@@ -91,10 +89,8 @@ def test_eye_in_an_opaque_solid_is_named(told, lights, tree, what, solid):
 
 def test_each_light_is_named(told):
     warned = told(lights="POINT position 1 1 1 AREA position 9 9 9\nPOINT position 1 1 0")
-    assert [(one.reason[:21], one.line) for one in warned] == [
-        ("the light on line 1 i", 1),
-        ("the light on line 2 i", 2),
-    ]
+    found = [(one.reason[:21], one.line) for one in warned]
+    assert found == [("the light on line 1 i", 1), ("the light on line 2 i", 2)]
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ import numpy as np
 import prosim_scene
 import pytest
 from meshes import area, assert_closed, scene, solids, volume
+from mitsuba_prosim.compat import shape_number
 from prosim_scene import SceneWarning
 from prosim_scene.geometry import csg, surfaces
 from prosim_scene.language import document_of
 from prosim_scene.model import Leaf
 from prosim_scene.view import camera_of
-from scenes import slow
+from scenes import load_scene, slow
 
 pytestmark = pytest.mark.filterwarnings("ignore::prosim_scene.SceneWarning")  # some primitives vanish
 
@@ -35,15 +36,11 @@ END
 
 def seen_by_meshes(folder):
     """A function from rays to the number of the leaf whose mesh in a folder they meet first, or -1."""
-    meshes = {
-        re.match(r"surface_\d+", p.stem)[0]: {"type": "ply", "filename": str(p)} for p in folder.glob("*-meshes/*.ply")
-    }
-    if not meshes:
+    files = {re.match(r"surface_\d+", path.stem)[0]: str(path) for path in folder.glob("*-meshes/*.ply")}
+    if not files:
         return lambda origins, directions: np.full(len(origins), -1)
-    scene = mi.load_dict({"type": "scene", **meshes})
-    number = {
-        int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(s))[0]): int(s.id().split("_")[1]) for s in scene.shapes()
-    }
+    scene = load_scene(**{name: {"type": "ply", "filename": file} for name, file in files.items()})
+    number = {shape_number(mi.ShapePtr(shape)): int(shape.id().split("_")[1]) for shape in scene.shapes()}
 
     def seen(origins, directions):
         ray = mi.Ray3f(mi.Point3f(origins.T), mi.Vector3f(directions.T))

@@ -73,11 +73,9 @@ def test_curved_faces_are_as_fine_as_promised(shape, steps):
 def test_warning_names_a_primitive_without_visible_faces():
     with pytest.warns(SceneWarning, match=r"nothing is visible of SPHERE 1 \(line 3\)"):
         solids(scene("+ CUBE 0 SPHERE 1", ["", "SCALE (.1 .1 .1) TRANSLATE (.5 .5 .5)"]))
-    halves = scene("+ half 2 half 3", ["", "", "", "SCALE (1 1 -1)"]).replace(
-        "CSG", "SOLID half - SPHERE 0 PLANE 1 CSG"
-    )
+    text = scene("+ half 2 half 3", ["", "", "", "SCALE (1 1 -1)"]).replace("CSG", "SOLID half - SPHERE 0 PLANE 1 CSG")
     with pytest.warns(SceneWarning, match=r"nothing is visible of a PLANE in half 2 \(line 3\), a PLANE in half 3"):
-        solids(halves)
+        solids(text)
     with pytest.warns(SceneWarning, match="the tree's result is empty"):
         assert solids(scene("* CUBE 0 SPHERE 1", ["", "TRANSLATE (9 9 9)"])) == {}
 
@@ -158,11 +156,9 @@ def test_the_rim_of_a_lens_is_as_fine_as_its_faces(tree, expected, recwarn):
 def test_solids_that_take_long_cause_one_warning(monkeypatch, recwarn):
     monkeypatch.setattr(surfaces, "PATIENCE", -1.0)
     solids(scene("+ SPHERE 0 - SPHERE 1 SPHERE 2", ["", "TRANSLATE (1 0 0)", "TRANSLATE (1.5 0 0)"]))
-    (warning,) = recwarn
-    assert "because many of them meet at one place; use fewer of them, or the option --tolerance" in str(
-        warning.message
-    )
-    assert warning.message.line == 2
+    (said,) = recwarn
+    assert "because many of them meet at one place; use fewer of them, or the option --tolerance" in str(said.message)
+    assert said.message.line == 2
 
 
 @pytest.mark.parametrize("module, name", [(csg, "Manifold"), (surfaces, "manifold")])

@@ -106,9 +106,7 @@ async def test_errors_come_and_go_with_the_text(editor):
 
 @pytest.mark.slow
 async def test_diagnostics_of_the_tree_follow_when_a_scene_is_opened(editor):
-    hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace(
-        "SCALE 2 2 2", "SCALE .1 .1 .1 TRANSLATE .5 .5 .5"
-    )
+    hidden = SCENE.replace("- SPHERE 1 CYLINDER 1", "SPHERE 1").replace("2 2 2", ".1 .1 .1 TRANSLATE .5 .5 .5")
     assert not await opened(editor, hidden)
     assert [one.code for one in await told(editor, editor.published[-1].version, 2)] == ["csg"]
 

@@ -19,11 +19,15 @@ MATERIALS = {
 }
 
 
-def translated(write_scene, surface, target="prosim", **statements):
-    """The BSDF, as a dictionary, of a SURFACE with the parameters ``surface``."""
+def loaded(write_scene, surface, target="prosim", **statements):
+    """The dictionary of a scene with ``statements`` and a SURFACE with the parameters ``surface``."""
     text = " ".join([f"{key} {value}" for key, value in statements.items()] + [SCENE.format(surface)])
-    scene = prosim_scene.load(write_scene(text), target=target)
-    return scene["surface_0"]["bsdf"]
+    return prosim_scene.load(write_scene(text), target=target)
+
+
+def translated(*arguments, **statements):
+    """The BSDF of that SURFACE."""
+    return loaded(*arguments, **statements)["surface_0"]["bsdf"]
 
 
 def median_angle(bsdf):
@@ -99,9 +103,7 @@ def test_ka_above_1_keeps_its_light(variant, write_scene, tmp_path, material, sl
     images = []
     for ka, ambient in (1, 19660.5), (3, 6553.5):
         text = f"AMBIENT {ambient} {ambient} {ambient} NSAMPLES 2 VIEW RESOLUTION 8 8 WINDOW -.4 -.4 .4 .4 EYE 0 0 9"
-        text += (
-            f" {BRIGHT} CSG-TREE CUBE 0 {slots} SURFACE 0 {material} ka = {ka} TRANSFORM 0 TRANSLATE (-.5 -.5 -1) END"
-        )
+        text += f" {BRIGHT} CSG-TREE CUBE 0 {slots} SURFACE 0 {material} ka {ka} TRANSFORM 0 TRANSLATE (-.5 -.5 -1) END"
         path = prosim_scene.translate(write_scene(text))
         images.append(np.array(mi.render(mi.load_file(str(path), parallel=False), seed=1)))
     np.testing.assert_allclose(*images, rtol=2e-3)
@@ -139,10 +141,7 @@ def test_method_reaches_integrator_and_materials(variant_rgb, write_scene, recwa
     """Each word changes the plugins that it names, and no others; without METHOD nothing is said."""
     changed, parameters = METHOD[words]
     for statement in {}, {"METHOD": words}:
-        text = " ".join(
-            [f"{key} {value}" for key, value in statement.items()] + [SCENE.format("kd = .1 ks = .5 n = 9")]
-        )
-        nodes = {"integrator": prosim_scene.load(write_scene(text))["integrator"]}
+        nodes = {"integrator": loaded(write_scene, "kd = .1 ks = .5 n = 9", **statement)["integrator"]}
         nodes |= {name: translated(write_scene, f"{MATERIALS[name]} m = .4", **statement) for name in MATERIALS}
         for name, node in nodes.items():
             assert (parameters.items() <= node.items()) == bool(statement and name in changed.split())

@@ -6,7 +6,7 @@ import random
 import numpy as np
 import prosim_scene
 import pytest
-from prosim_scene import SceneError
+from prosim_scene import SceneError, SceneWarning
 from prosim_scene.language import reader
 from test_errors import MINIMAL
 
@@ -70,10 +70,8 @@ def test_names_have_the_values_of_the_caller_or_of_their_defaults(tmp_path, writ
 def test_names_may_have_letters_of_any_language():
     text = f"DEFAULT $não = 2\nDEFAULT $círculo_2 = {{$não + 1}}\nNSAMPLES {{2*$círculo_2}} MAX-LEVEL $não\n{MINIMAL}"
     for define, expected in (None, (6, 2)), ({"não": 4}, (10, 4)):
-        for scene in (
-            prosim_scene.parse(text, define=define),
-            prosim_scene.parse(prosim_scene.format(text), define=define),
-        ):
+        for written in text, prosim_scene.format(text):
+            scene = prosim_scene.parse(written, define=define)
             assert (scene.samples, scene.max_level) == expected
     with pytest.raises(SceneError, match=r"s.scn:3:13: .*; \$círculo_2 stands for 'x', by -D"):
         prosim_scene.parse(text, "s.scn", {"círculo_2": "x"})
@@ -200,7 +198,7 @@ def test_primitives_are_named_by_their_index_and_uses_without_comments(write_sce
         r"nothing is visible of a SPHERE in leg \$i \(line .\), CUBE 1 \(line .\): .*; operators come before "
         r"their operands: - \(line .\) has the operands leg \$i \(line .\) and CUBE 1 \(line .\)\n"
     )
-    with pytest.warns(prosim_scene.SceneWarning, match=expected):
+    with pytest.warns(SceneWarning, match=expected):
         assert " SURFACE 1 of CUBE 1, leg $i (line " in prosim_scene.translate(path).read_text(encoding="utf-8")
 
 
@@ -242,12 +240,8 @@ def test_the_use_of_a_wrong_solid_is_not_another_error(solid, words, tree):
 
 
 def test_an_index_of_a_solid_that_is_not_used_is_not_called_unknown():
-    text = (
-        "SOLID a CUBE 5\nCSG-TREE SPHERE 0\nSURFACE 0 kd .5 TRANSFORM 0\nSURFACE 5 kd .5 TRANSFORM 5 TRANSFORM 1\nEND"
-    )
-    with pytest.warns(
-        prosim_scene.SceneWarning, match="no primitive that CSG-TREE uses has the index 5; delete this, or"
-    ):
+    text = "SOLID a CUBE 5 CSG-TREE SPHERE 0 SURFACE 0 kd .5 TRANSFORM 0 SURFACE 5 kd .5 TRANSFORM 5 TRANSFORM 1 END"
+    with pytest.warns(SceneWarning, match="no primitive that CSG-TREE uses has the index 5; delete this, or"):
         prosim_scene.parse(text)
-    with pytest.warns(prosim_scene.SceneWarning, match="no primitive has the index 1; delete this"):
-        prosim_scene.parse(text.replace("SOLID a CUBE 5\n", "").replace("SPHERE 0", "+ SPHERE 0 CUBE 5"))
+    with pytest.warns(SceneWarning, match="no primitive has the index 1; delete this"):
+        prosim_scene.parse(text.replace("SOLID a CUBE 5 ", "").replace("SPHERE 0", "+ SPHERE 0 CUBE 5"))

@@ -59,9 +59,8 @@ def media_of_the_tree(text, origin, direction):
     read = document_of(text, "test.scn").scene
     media = {medium_of(read, node): 0 for node in read.csg if isinstance(node, Leaf)}
     media = sorted(media, key=lambda medium: medium != METAL)  # which is first
-    ends = [
-        [(near[0], far[0]) for near, far in pairs] for pairs in exact_csg.intervals(read, origin[None], direction[None])
-    ]
+    found = exact_csg.intervals(read, origin[None], direction[None])
+    ends = [[(near[0], far[0]) for near, far in pairs] for pairs in found]
     times = np.unique([t for pairs in ends for near, far in pairs if near < far for t in (near, far)])
     times, result, now = times[np.isfinite(times)], [], None
     for begin, end in zip(times, [*times[1:], np.inf]):

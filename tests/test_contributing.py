@@ -74,7 +74,7 @@ def under_tubes(count, floor, **integrator):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [pytest.param(1, marks=pytest.mark.slow), Lights.UNROLLED + 1])
+@pytest.mark.parametrize("count", [1, Lights.UNROLLED + 1])
 def test_light(variant_rgb, count, monkeypatch):
     """The expectation of Mitsuba's own sampling, on a rough mirror too; with less variance."""
     settings = {"type": "prosim", "adaptive": "none", "max_level": 0}

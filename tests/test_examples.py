@@ -15,18 +15,12 @@ from drawing.patterns import SPACING, jittered, nrook, poisson_disk, regular, un
 from image_statistics import leave
 from nbclient import NotebookClient
 from PIL import Image
-from scenes import slow
 
 ROOT = Path(__file__).parents[1]
-#: The figures of a quick run.
-QUICK = ("2.4-dieletrico", "3.3-beckmann", "4.3-disco-de-poisson", "5.10-associacao")
-
-
-SLOW = "5.14-samples", "5.18-path", *(name for name in figures.DRAWN if name not in QUICK)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*QUICK, *slow(*SLOW)])
+@pytest.mark.parametrize("name", ["5.14-samples", "5.18-path", *figures.DRAWN])
 def test_figure_is_drawn(variant_rgb, tmp_path, name):
     path = tmp_path / f"{name}.png"
     if name == "5.18-path":  # 16 samples instead of its many

@@ -112,8 +112,7 @@ def test_passes_of_a_wide_filter_share_a_kernel(write_scene, variant_rgb, monkey
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "target, name, keep",
-    [(Progress, "show", False), (files, "save", False), pytest.param(Progress, "show", True, marks=pytest.mark.slow)],
+    "target, name, keep", [(Progress, "show", False), (files, "save", False), (Progress, "show", True)]
 )
 def test_an_interrupted_film_keeps_its_frames(film, monkeypatch, target, name, keep):
     """A signal comes while the first frame is written, or in the second frame, which ``--checkpoint`` keeps."""

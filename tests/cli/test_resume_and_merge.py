@@ -33,7 +33,7 @@ def die_after(monkeypatch, steps):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [pytest.param((), marks=pytest.mark.slow), ("--noise", 0.02)])
+@pytest.mark.parametrize("options", [(), ("--noise", 0.02)])
 def test_a_render_that_has_died_is_continued(lamp, tmp_path, monkeypatch, options):
     done("render", lamp, "-o", tmp_path / "whole", *options)
     with monkeypatch.context() as patch:

@@ -18,7 +18,7 @@ from mitsuba_prosim.photons.mis import Hit, ideal_throughput, ray_weight
 from mitsuba_prosim.transport import lobes
 from mitsuba_prosim.transport.ray import Vertex, viewer_side
 from mitsuba_prosim.transport.scattering import Scattering
-from scenes import FLAT, T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, slow, write_square
+from scenes import FLAT, T, area, bitmap, camera, film, ground, in_threads, load_scene, rectangle, write_square
 
 
 def view(size, origin=(0, 4, 6), target=(0, 0, 0), fov=35):
@@ -240,7 +240,7 @@ def test_a_pass_takes_as_many_samples_as_most_pixels_request():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("more", ({"diffuse_bounces": -1}, *slow({})))
+@pytest.mark.parametrize("more", ({"diffuse_bounces": -1}, {}))
 def test_a_source_that_does_not_say_where_it_is_is_left_out_with_a_warning(variant_rgb, logged, more):
     """And leaves the light of the others."""
     beam = rectangle(T().translate((0, 9, 0)).scale(0.1), emitter={"type": "directionalarea"})
@@ -370,7 +370,7 @@ BALLS = {
     "ball as a spot": {"distribution": "spot", "exponent": 600.0},
 }
 #: Lamps that are tested together.
-KINDS = [("point", "directional"), *slow(("prosim_point", "spot", "projector"), tuple(BALLS))]
+KINDS = [("point", "directional"), ("prosim_point", "spot", "projector"), tuple(BALLS)]
 
 
 @alone()

@@ -19,7 +19,7 @@ from mitsuba_prosim.denoising.pyramid import average, blur
 from mitsuba_prosim.engine.error_target import ErrorTarget
 from mitsuba_prosim.live import progressive_image
 from mitsuba_prosim.sampling.hash import combine, hash32
-from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb, slow
+from scenes import T, area, camera, diffuse, film, load_scene, penumbra, rectangle, rgb
 from test_record import Elsewhere
 
 SIZES = [(1, 1), (3, 17), (64, 48)]
@@ -343,7 +343,7 @@ def test_render_in_every_variant(variant, denoiser):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pixel_format", ["rgba", *slow("luminance_alpha", "luminance")])
+@pytest.mark.parametrize("pixel_format", ["rgba", "luminance_alpha", "luminance"])
 def test_the_integrator_is_the_denoised_image_of_the_nested_one(variant_rgb, denoiser, pixel_format):
     """To the bit in colours, with a wide filter and in a crop, beside the nested integrator's own channels. The live
     view shows the same image, and grey values as a grey.

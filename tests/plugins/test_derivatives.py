@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from mitsuba_prosim.compat import to_world_name
-from scenes import T, area, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rgb, slow
+from scenes import T, area, bitmap, camera, derivative, diffuse, film, ground, load_scene, mesh, penumbra, rgb
 
 
 def weighted_mean(image):
@@ -456,7 +456,7 @@ def card_below_a_sky(bsdf, **others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("diffuse_bounces", [0, *slow(3), -1])
+@pytest.mark.parametrize("diffuse_bounces", [0, 3, -1])
 def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffuse_bounces):
     """A card before a lamp of radiance 2, in a sky of radiance 1; Mitsuba's ``blendbsdf`` omits ideal lobes."""
     mirror = {"type": "twosided", "b": {"type": "conductor", "specular_reflectance": 0.7}}
@@ -478,7 +478,7 @@ def test_derivative_by_the_weight_of_a_blend_with_ideal_lobes(variant_rgb, diffu
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("around", [{}, *slow({"type": "mask", "opacity": 0.6}, {"type": "twosided"})])
+@pytest.mark.parametrize("around", [{}, {"type": "mask", "opacity": 0.6}, {"type": "twosided"}])
 @pytest.mark.parametrize("name", ["diffuse_reflectance", "specular_reflectance", "eta"])
 def test_the_choice_of_an_ideal_lobe_has_no_derivative(variant_rgb, around, name):
     """Of plastic, the derivative by kd was wrong by 7 %, and that by ks by 95 %; of thin glass, that by eta was 0."""

@@ -41,9 +41,6 @@ CASES = {
 }
 
 
-QUICK = "paths", "masks", "caustics"
-
-
 def scene_of(name, rfilter="box", **more):
     ball, settings, things = CASES[name]
     integrator = {"type": "prosim", "adaptive": "none", "max_level": 3, **settings, **more}
@@ -81,7 +78,7 @@ def check_sums(scene, *where):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*QUICK, *slow(*(name for name in CASES if name not in QUICK))])
+@pytest.mark.parametrize("name", CASES)
 def test_contributions_sum_to_samples_and_samples_to_the_image(variant_rgb, name):
     check_sums(scene_of(name))
 
@@ -126,7 +123,7 @@ def test_lamp_samples_have_the_factors_of_their_contributions(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tree", *slow("lamps", "paths")])
+@pytest.mark.parametrize("name", ["tree", "lamps", "paths"])
 def test_occluders_are_what_rays_meet(variant_rgb, name):
     scene = scene_of(name)
     told = (mitsuba_prosim.explain(scene, pixel, spp=SPP) for pixel in pixels(4 if name == "tree" else 12, 1))
@@ -478,7 +475,7 @@ class Asked:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paths", *slow("lamps", "sky", "bounces", "masks")])
+@pytest.mark.parametrize("name", ["paths", "lamps", "sky", "bounces", "masks"])
 def test_patterns_are_the_random_numbers_that_the_samples_use(variant_rgb, name, monkeypatch):
     """Each pass of an N-rook pattern has one sample in each row and column, and all passes one in each cell."""
     n, (x, y), scene = 4, (9, 8), scene_of(name, samples=4)

@@ -12,7 +12,7 @@ from mitsuba_prosim.alone import alone
 from mitsuba_prosim.engine.checkpoint import put_together
 from mitsuba_prosim.engine.tiles import Part, part_numbers
 from mitsuba_prosim.parallel import worker
-from scenes import COPPER, loaded, slow
+from scenes import COPPER, loaded
 
 CROP = {"width": 96, "height": 90, "crop_offset_x": 17, "crop_offset_y": 11, "crop_width": 50, "crop_height": 40}
 
@@ -38,7 +38,9 @@ def checkpoints(scene, **how):
 
 QUICK = {"noise": 0.002, "max_samples": 300, "size": 24, "band": 250}
 PHOTONS = {"caustics": True, "caustic_photons": 1 << 10, "size": 8, "samples": 2}
-SLOW = [
+RESUMED = [
+    QUICK,
+    PHOTONS | {"adaptive": "graded", "threshold": 1e-4, "max_samples": 30},
     *({"adaptive": name} for name in ("none", "thesis", "neighbours")),
     {"noise": 0.004, "noise_99": 0.01, "max_samples": 100, "rfilter": "box"},
     {"noise": 0.003, "adaptive": "neighbours", "max_samples": 100, "rfilter": "box"},
@@ -47,9 +49,7 @@ SLOW = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings", [QUICK, PHOTONS | {"adaptive": "graded", "threshold": 1e-4, "max_samples": 30}, *slow(*SLOW)], ids=str
-)
+@pytest.mark.parametrize("settings", RESUMED, ids=str)
 def test_a_resumed_render_has_the_same_bits(variant_rgb, settings):
     """Within the first wave, within a later one, while its noise is measured, and at the ends."""
     scene = copper(**{"band": 700, **settings})
@@ -113,7 +113,7 @@ def test_parts_have_equal_shares_of_slow_pixels(of, margin, most):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("adaptive", ["neighbours", *slow("none", "thesis", "graded")])
+@pytest.mark.parametrize("adaptive", ["neighbours", "none", "thesis", "graded"])
 def test_any_number_of_parts_makes_the_image(variant_rgb, adaptive):
     """Also with a crop window, and with a sampled border."""
     for film, of, rfilter in [({}, 3, "box"), (CROP, 2, "gaussian"), ({"sample_border": True}, 2, "gaussian")]:
@@ -166,9 +166,10 @@ def test_a_scene_that_is_read_meanwhile_does_not_let_the_collector_run():
     [
         {"noise": 0.004, "max_samples": 200},
         PHOTONS | {"noise": 1e-4, "max_samples": 8},
-        *slow({"adaptive": "none", "rfilter": "box"}, {"adaptive": "neighbours", "rfilter": "box"}),
-        *slow({"adaptive": "thesis"}, {"adaptive": "graded"}),
-        *slow({"noise": 0.006, "max_samples": 60}, {"size": 10, "noise": 0.01, "max_samples": 60}),
+        *({"adaptive": name, "rfilter": "box"} for name in ("none", "neighbours")),
+        *({"adaptive": name} for name in ("thesis", "graded")),
+        {"noise": 0.006, "max_samples": 60},
+        {"size": 10, "noise": 0.01, "max_samples": 60},
     ],
     ids=str,
 )

@@ -556,7 +556,7 @@ EVERY = (*SEEN_THROUGH,)
         ("llvm_ad_rgb", EVERY, False, "none"),
         ("llvm_ad_rgb", EVERY, True, "sky and lamp"),
         ("llvm_ad_rgb", ("nothing",), True, "sky and lamp"),
-        pytest.param("scalar_rgb", ("mask in a blend",), True, "sky and lamp", marks=pytest.mark.slow),
+        ("scalar_rgb", ("mask in a blend",), True, "sky and lamp"),
     ],
 )
 def test_alpha_and_hidden_emitters_as_by_volpath(variant, names, hidden, kind):

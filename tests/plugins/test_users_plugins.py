@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.scene.rendering import progressive
-from scenes import T, camera, film, rectangle, slow, sphere_lamp
+from scenes import T, camera, film, rectangle, sphere_lamp
 
 PATHS = {"type": "prosim", "max_level": -1, "diffuse_bounces": -1}
 #: The light of sources at the first surface, as a tree and as a path.
@@ -259,7 +259,7 @@ class Point(mi.llvm_ad_rgb.Emitter):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ours, reference", [(TREE, FIRST), (PATHS, WHOLE)], ids=["tree", "paths"])
-@pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), *slow(("lamp",), ("sky",))])
+@pytest.mark.parametrize("lamps", [("lamp", "point", "ball"), ("lamp",), ("sky",)])
 def test_users_lamps(variant_rgb, lamps, ours, reference):
     """Without ``eval_direction``, with or without other lamps, on a sphere and on a rectangle."""
     mi.register_emitter("users_lamp", Lamp)

@@ -20,7 +20,7 @@ from mitsuba_prosim.engine.goal import PolicyGoal
 from mitsuba_prosim.engine.tiny_lamps import bright_part, samples_for_tiny_lamps
 from mitsuba_prosim.engine.work import Executor
 from mitsuba_prosim.explaining.verdict import end_cause, verdict
-from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, slow, sphere_lamp
+from scenes import COPPER, CROP, T, alone, in_threads, loaded, penumbra, rgb, sphere_lamp
 
 LUMINANCE = [0.2126, 0.7152, 0.0722]
 CHECKED = {"type": "checkerboard"}
@@ -397,7 +397,7 @@ def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("alpha", [None, *slow(0.05)])
+@pytest.mark.parametrize("alpha", [None, 0.05])
 def test_bound_without_a_target_holds_or_is_unknown(variant_rgb, alpha):
     """Rare bright paths by a shiny block are missed by most pixels, and few samples may miss all light."""
     scene = mi.cornell_box()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 
 from ..optics import fresnel
 from ..optics.dispersion import index, optical_constant
-from ..optics.material import Evaluated, Material, reflectance, roughness
+from ..optics.material import Evaluated, Material, factor, reflectance, roughness
 from ..optics.nested import parts
 from ..parameters import choice, flag, reject, text
 from ..registry import create, plugin
@@ -115,8 +116,8 @@ class Conductor(Material):
     def reflected(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Callable[[mi.Float], mi.UnpolarizedSpectrum]:
         """Returns Fresnel's reflectance times ``specular_reflectance``, as a function of the cosine to a facet."""
         eta, k = (texture.eval(si, active) * (1 / self.ext_ior) for texture in (self.eta, self.k))
-        factor = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
-        return lambda cos: FRESNEL[self.fresnel](cos, eta, k) * factor
+        specular = factor(self.specular_reflectance, si, active)
+        return lambda cos: FRESNEL[self.fresnel](cos, eta, k) * specular
 
     def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         return self.reflected(si, active)(mi.Float(1))
@@ -139,8 +140,6 @@ class Conductor(Material):
 
 def metals() -> list[str]:
     """Returns the names of the metals that Mitsuba has in files; none if the folder is not found."""
-    from pathlib import Path  # slow to import, and only a message needs it
-
     folder = Path(str(mi.file_resolver().resolve("data/ior/Cu.k.spd"))).parent
     return sorted(p.name.removesuffix(".k.spd") for p in folder.glob("*.k.spd"))
 

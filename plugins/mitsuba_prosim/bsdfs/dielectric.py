@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..optics import dispersion, facets, fresnel, grooves
 from ..optics.facets import GRAZING, Facet
 from ..optics.fresnel import Interface
-from ..optics.material import Material, reflectance, roughness
+from ..optics.material import Material, factor, reflectance, roughness
 from ..parameters import flag, reject
 from ..registry import plugin
 
@@ -144,21 +144,15 @@ class Dielectric(Material):
         Transmitted radiance is divided by the square of the relative index, because refraction changes the solid angle
         of the light; transmitted importance is not.
         """
-        r, t = (
-            1 if texture is None else texture.eval(si, active)
-            for texture in (self.specular_reflectance, self.specular_transmittance)
-        )
+        r, t = (factor(each, si, active) for each in (self.specular_reflectance, self.specular_transmittance))
         if ctx.mode == mi.TransportMode.Radiance:
             t = t * dr.square(dr.rcp(face.eta_it))
         return mi.UnpolarizedSpectrum(dr.select(reflected, face.f * r, (1 - face.f) * t))
 
     def directional_albedo(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UnpolarizedSpectrum:
         f = fresnel.interface(mi.Float(1), self.indices.etas(si)[0]).f
-        r, t = (
-            mi.UnpolarizedSpectrum(1) if texture is None else texture.eval(si, active)
-            for texture in (self.specular_reflectance, self.specular_transmittance)
-        )
-        return f * r + (1 - f) * t
+        r, t = (factor(each, si, active) for each in (self.specular_reflectance, self.specular_transmittance))
+        return mi.UnpolarizedSpectrum(f * r + (1 - f) * t)
 
     def sample(
         self,
@@ -287,8 +281,7 @@ class Dielectric(Material):
         spectra = Interface(*map(dispersion.spectrum, zip(*faces)))
         value = self.fraction(ctx, si, reflected, spectra, active) * dispersion.spectrum(values)
         if self.multiple_scattering:
-            r = 1 if self.specular_reflectance is None else self.specular_reflectance.eval(si, active)
-            value += dispersion.spectrum(further) * r
+            value += dispersion.spectrum(further) * factor(self.specular_reflectance, si, active)
         return mi.depolarizer(value) & active, pdf
 
     def parameters(self) -> dict[str, Any]:

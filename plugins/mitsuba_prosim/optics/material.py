@@ -311,6 +311,11 @@ class Pigmented(Material):
 # Each function reads from the plugin's ``props`` and raises ValueError for wrong values.
 
 
+def factor(texture: Any, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Any:
+    """Returns the value of ``texture`` at ``si``; 1 if it is None."""
+    return 1 if texture is None else texture.eval(si, active)
+
+
 def reflectance(props: mi.Properties, name: str, default: float | None = None) -> Any:
     """Returns the reflectance ``name`` as a texture; ``default`` (a number, or None) if the parameter is absent.
 

@@ -80,14 +80,12 @@ class Texture(Tests):
         """Places of sample_position() have the density of pdf_position()."""
         uv, pdf = texture.sample_position(mi.Point2f(uniform(INPUTS, 2, 5)))
         self.report.equal("pdf of a place = pdf_position()", pdf, texture.pdf_position(uv))
-
-        def sample(u: Any) -> Any:
-            return texture.sample_position(u)[0]
-
-        def density(p: Any) -> Any:
-            return texture.pdf_position(mi.Point2f(p))
-
-        self.report.density("samples follow pdf_position()", sample, density, dimensions=2)
+        self.report.density(
+            "samples follow pdf_position()",
+            lambda u: texture.sample_position(u)[0],
+            lambda p: texture.pdf_position(mi.Point2f(p)),
+            dimensions=2,
+        )
 
     def test_transform(self, texture: Any) -> None:
         """to_uv transforms uv."""

@@ -78,20 +78,14 @@ def ground(half, bsdf, **more):
 def penumbra(ball=None, size=32, rfilter="box", **integrator):
     """A ball and a pole on a floor before a wall, under a spherical source."""
     pixels = film(size, pixel_format="rgb", component_format="float32") | {"rfilter": {"type": rfilter}}
-    sampler = {"type": "independent", "sample_count": 16}
+    sampler, green = {"type": "independent", "sample_count": 16}, {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)}
     return {
         "type": "scene",
         "integrator": integrator or {"type": "prosim"},
         "sensor": camera([0, 2.2, 6], [0, 0.9, 0], pixels, fov=40, sampler=sampler),
         "floor": ground(6, diffuse(0.6, 0.6, 0.5)),
         "wall": rectangle(T().translate([0, 0, -2]).scale(6), bsdf=diffuse(0.6, 0.45, 0.4)),
-        "pole": {
-            "type": "cylinder",
-            "p0": [-1.2, 0, 0.3],
-            "p1": [-1.2, 2.4, 0.3],
-            "radius": 0.12,
-            "bsdf": {"type": "twosided", "bsdf": diffuse(0.3, 0.6, 0.3)},
-        },
+        "pole": {"type": "cylinder", "p0": [-1.2, 0, 0.3], "p1": [-1.2, 2.4, 0.3], "radius": 0.12, "bsdf": green},
         "ball": {"type": "sphere", "center": [0.5, 0.8, 0], "radius": 0.8, "bsdf": ball or diffuse(0.2, 0.5, 0.8)},
         "light": sphere_lamp([-3, 3.5, 3], 0.5, rgb(25, 25, 25)),
     }

@@ -59,16 +59,10 @@ def test_bsdf_has_a_default_albedo(variant_rgb, monkeypatch, albedo, expected):
 
 def under_tubes(count, floor, **integrator):
     """A floor below as many tubes; the camera sees the floor alone."""
-    tubes = {
-        f"tube_{i}": {
-            "type": "cylinder",
-            "p0": [0.7 * i - 2, 1, -1],
-            "p1": [1 - 0.4 * i, 1.1 + 0.4 * i, 1],
-            "radius": 0.1 + 0.05 * i,
-            **area(1.0 + i),
-        }
-        for i in range(count)
-    }
+    tubes = {}
+    for i in range(count):
+        ends = {"p0": [0.7 * i - 2, 1, -1], "p1": [1 - 0.4 * i, 1.1 + 0.4 * i, 1]}
+        tubes[f"tube_{i}"] = {"type": "cylinder", "radius": 0.1 + 0.05 * i, **ends, **area(1.0 + i)}
     sensor = camera([0, 0.5, 0], [0, 0, 0], film(8), (0, 0, 1), fov=90)
     return tubes | {"type": "scene", "integrator": integrator, "sensor": sensor, "floor": ground(4, floor)}
 

@@ -129,15 +129,11 @@ def nested(plugin):
     return mi.load_dict(found)
 
 
+OF_BSDFS = {"sample": (1, 0), "eval": (1, 2, 0), "pdf": (1, 2, 0), "eval_diffuse_reflectance": ()}
 #: Kind -> the name of the base class, the methods that a mutant may change, each with the arguments that the change
 #: gets, the methods that it only passes on, and the mutants.
 KINDS = {
-    "bsdf": (
-        "BSDF",
-        {"sample": (1, 0), "eval": (1, 2, 0), "pdf": (1, 2, 0), "eval_diffuse_reflectance": ()},
-        "",
-        BSDFS,
-    ),
+    "bsdf": ("BSDF", OF_BSDFS, "", BSDFS),
     "emitter": (
         "Emitter",
         {"sample_ray": (), "sample_direction": (0,), "pdf_direction": (0, 1), "eval_direction": (0, 1), "eval": (0,)},

@@ -19,6 +19,7 @@ LIT_FLOOR = """<shape type="rectangle"><transform name="to_world">
     <shape type="sphere"><point name="center" x="1.5" y="1" z="2"/><float name="radius" value="0.3"/>
         <emitter type="area"><rgb name="radiance" value="9"/></emitter></shape>"""
 PATH = '<integrator type="path"/>'
+AOV = '<integrator type="aov"><string name="aovs" value="d:depth"/>{}</integrator>'
 ADAPTIVE_PATH = f'<integrator type="prosim_adaptive">{PATH}<integer name="band" value="100"/></integrator>'
 
 

@@ -14,7 +14,7 @@ from mitsuba_prosim.cli.job import Job
 from mitsuba_prosim.scene import scene_file
 from mitsuba_prosim.scene.errors import with_line, with_suggestion
 from mitsuba_prosim.scene.rendering import with_targets
-from running import LIT_FLOOR, XML, done, prosim, refused, scene_text
+from running import AOV, LIT_FLOOR, PATH, XML, done, prosim, refused, scene_text
 from tqdm import tqdm
 
 NOT_WITH_SPP = ["noise 0.1", "time 1", "adaptive graded", "max-samples 9", "snapshots 2s"]
@@ -254,12 +254,12 @@ def test_message_without_a_readable_line_is_unchanged(tmp_path, write_scene):
     "integrator",
     [
         "",
-        '<integrator type="path"/>',
+        PATH,
         '<integrator type="volpath"/>',
         '<integrator type="ptracer"/>',
-        '<integrator type="aov"><string name="aovs" value="d:depth"/><integrator type="path"/></integrator>',
+        AOV.format(PATH),
         '<integrator type="prosim_adaptive"><integrator type="path"/><integer name="samples" value="2"/></integrator>',
-        '<integrator type="prosim_denoised"><integrator type="path"/></integrator>',
+        f'<integrator type="prosim_denoised">{PATH}</integrator>',
     ],
 )
 def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
@@ -271,9 +271,6 @@ def test_paths_replace_any_integrator(scene, variant_rgb, integrator):
     made = integrator_of(scene, paths=True)
     assert getattr(made, "nested", made).diffuse_bounces == -1
     assert "aov" not in integrator or made.aov_names()[0] == "d.T"
-
-
-AOV = '<integrator type="aov"><string name="aovs" value="d:depth"/>{}</integrator>'
 
 
 @pytest.mark.parametrize("around", ["{}", '<integrator type="prosim_adaptive">{}</integrator>', AOV])
@@ -297,7 +294,7 @@ def test_paths_keep_the_parameters_of_the_integrator(scene, variant_rgb, plugin,
 
 def test_paths_keep_the_channels_of_nested_integrators(scene, variant_rgb):
     samples = '<integrator type="prosim_adaptive"><string name="aovs" value="samples"/>{}</integrator>'
-    scene.write_text(scene_text(samples.format(AOV.format('<integrator type="path"/>')), LIT_FLOOR))
+    scene.write_text(scene_text(samples.format(AOV.format(PATH)), LIT_FLOOR))
     assert integrator_of(scene, paths=True).aov_names() == ["d.T", "samples"]
 
 

@@ -28,9 +28,7 @@ TEXELS = np.random.default_rng(5).random((4, 4, 3)) ** 2 * 20
 BEAM = {"radiance": 5.0, "direction": [0.3, -1, 0.2]}
 #: Kinds of lamps: the plugin, and its parameters. The bitmap is tiled, by texture coordinates or by ``to_uv``.
 LAMPS = {
-    f"{plugin} {kind}": (plugin, kind)
-    for plugin in ("area", "prosim_area")
-    for kind in ("number", "tiles", "attribute")
+    f"{name} {kind}": (name, kind) for name in ("area", "prosim_area") for kind in ("number", "tiles", "attribute")
 }
 LAMPS |= {"cone": ("prosim_area", BEAM | {"distribution": "cone", "angle": 50.0})}
 LAMPS |= {"spot": ("prosim_area", BEAM | {"distribution": "spot", "exponent": 3.0})}

@@ -582,14 +582,11 @@ def test_time_limit_takes_samples_where_the_filter_is_wide(variant_rgb, denoiser
     assert np.array_equal(final.denoised().final, np.array(final.render.image()))
 
 
+copper = functools.partial(penumbra, {"type": "roughconductor", "material": "Cu"}, type="prosim")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "make, asked, denoised",
-    [
-        (cornell, 0.006, True),
-        (functools.partial(penumbra, {"type": "roughconductor", "material": "Cu"}, type="prosim"), 0.0015, False),
-    ],
-)
+@pytest.mark.parametrize("make, asked, denoised", [(cornell, 0.006, True), (copper, 0.0015, False)])
 def test_the_final_error_that_is_asked_for_is_reached(variant_rgb, denoiser, make, asked, denoised):
     """Against 6 images of 256 samples, whose own variance is subtracted; denoised, or where the raw image is enough.
 

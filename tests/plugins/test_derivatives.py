@@ -220,18 +220,12 @@ def change_of(scene, name):
     return lambda params, e: params.update({key: by(value, e)})
 
 
+RADIANCE = "lamp.emitter.radiance.value"
 TREE, BOTH, PATH = {}, {"diffuse_bounces": 2}, {"diffuse_bounces": -1}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings, key",
-    [
-        (TREE, "lamp.emitter.radiance.value"),
-        (PATH, "lamp.emitter.radiance.value"),
-        (TREE, "floor.bsdf.reflectance.value"),
-    ],
-)
+@pytest.mark.parametrize("settings, key", [(TREE, RADIANCE), (PATH, RADIANCE), (TREE, "floor.bsdf.reflectance.value")])
 def test_derivatives_by_colours_that_are_black(variant_rgb, settings, key):
     """The image is linear in the colour, so its derivative is the image of white: of the same samples, also at 0, where
     an optimiser that may not go below it would stay.

@@ -418,17 +418,16 @@ def bulb(**more):
     return point([0, 3, 0], 9.0) | more
 
 
+def spot():
+    return {"type": "spot", "to_world": T().translate([0, 3, 0]).rotate([0, 1, 0], 90)}
+
+
 CONE = {"type": "prosim_point", "distribution": "cone", "angle": 20, "direction": [1, 0, 0]}
 GREY = diffuse(0.5, 0.5, 0.5)
 BACK = GREY, "on its back", "plate"
 #: Name -> (makes the lamp, the floor's material, state of the lamp's points, what is in their way).
 DARK = {
-    "cone": (
-        lambda: {"type": "spot", "to_world": T().translate([0, 3, 0]).rotate([0, 1, 0], 90)},
-        GREY,
-        "outside its cone",
-        None,
-    ),
+    "cone": (spot, GREY, "outside its cone", None),
     "prosim_cone": (lambda: bulb(**CONE), GREY, "outside its cone", "plate"),
     "back": (lambda: rectangle(T().translate([0, 3, 0]).rotate([1, 0, 0], -90), **area()), *BACK),
     "below": (lambda: bulb(position=[0, -1, 0]), GREY, "below the surface", None),

@@ -10,19 +10,15 @@ from scenes import COPPER, CROP, camera, derivative, film, ground, in_threads, l
 
 def adaptive(nested, **settings):
     """The integrator's entry around ``nested``, the name of one or its entry."""
-    return {
-        "type": "prosim_adaptive",
-        "nested": {"type": nested} if isinstance(nested, str) else nested,
-        "adaptive": "graded",
-        **settings,
-    }
+    nested = {"type": nested} if isinstance(nested, str) else nested
+    return {"type": "prosim_adaptive", "nested": nested, "adaptive": "graded", **settings}
 
 
 def compare(scene, nested, spp=64):
     """Whether ``nested`` by itself and within ours may have the same expectation in ``scene``."""
-    nested = {"type": nested} if isinstance(nested, str) else nested
-    alone = renderings({**scene, "integrator": nested}, 8, spp=spp)
-    ours = renderings({**scene, "integrator": adaptive(nested)}, 8, first_seed=1000)
+    integrator = adaptive(nested)
+    alone = renderings({**scene, "integrator": integrator["nested"]}, 8, spp=spp)
+    ours = renderings({**scene, "integrator": integrator}, 8, first_seed=1000)
     return same_expectation(alone, ours[..., : alone.shape[3]])
 
 

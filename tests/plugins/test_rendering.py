@@ -71,17 +71,12 @@ def test_a_frozen_function_is_refused(variant_rgb):
     assert "dr.freeze" in "".join(traceback.format_exception(error.value))
 
 
+SHAPES = [{"type": "sphere", "center": [0, 0, 2]}, {"type": "rectangle", "flip_normals": True}, {"type": "cube"}]
+SHAPES += [{"type": "cylinder", "flip_normals": flipped} for flipped in (False, True)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "shape",
-    [
-        {"type": "sphere", "center": [0, 0, 2]},
-        {"type": "rectangle", "flip_normals": True},
-        {"type": "cube"},
-        {"type": "cylinder"},
-        {"type": "cylinder", "flip_normals": True},
-    ],
-)
+@pytest.mark.parametrize("shape", SHAPES)
 @alone()  # see alone: the collector must not free scenes while a kernel is traced
 def test_lamps_light_in_a_frozen_function(variant_rgb, shape):
     """A recorded function can't read the area and the transform of a shape; its light is still that of ``area``."""

@@ -175,12 +175,8 @@ def test_ideal_lobes_under_an_even_sky(variant_rgb, bounces):
 
     Each of twelve differences, where there is noise at all, is below 4 standard errors (p < 1e-3 together).
     """
-    bsdfs = (
-        masked(MIRROR),
-        masked(masked(MIRROR), 0.7),
-        blended(MIRROR, BLACK),
-        blended(ROUGH | {"specular_reflectance": 0.0}, MIRROR, 0.6),
-    )
+    black = ROUGH | {"specular_reflectance": 0.0}
+    bsdfs = masked(MIRROR), masked(masked(MIRROR), 0.7), blended(MIRROR, BLACK), blended(black, MIRROR, 0.6)
     ours = {"type": "prosim", "adaptive": "none", "diffuse_bounces": bounces}
     mean, error = (v[:, 0] for v in row_of_cards(bsdfs, {"sky": {"type": "constant"}}, **ours))
     assert (error < 0.01).all()
@@ -401,11 +397,8 @@ def test_light_within_a_medium_is_absorbed_on_its_way_to_what_it_lights(variant_
 
 
 def test_media_of_instances(variant_rgb):
-    scene = looking(
-        0.0,
-        group={"type": "shapegroup", "it": slab(UNSEEN)},
-        copy={"type": "instance", "to_world": T().translate([0, 0, 1]), "group": reference("group")},
-    )
+    copy = {"type": "instance", "to_world": T().translate([0, 0, 1]), "group": reference("group")}
+    scene = looking(0.0, group={"type": "shapegroup", "it": slab(UNSEEN)}, copy=copy)
     assert len(list(media_of(mi.load_dict(scene)))) == 1
     assert seen(scene) == pytest.approx(np.exp(-SIGMA), abs=1e-5)
 

@@ -24,15 +24,11 @@ def rendered(**settings):
     return scene.sensors()[0].film().bitmap()
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"component_format": "float32"},
-        {"component_format": "float16"},
-        {"pixel_format": "rgba"},
-        {"pixel_format": "luminance", "component_format": "float32"},
-    ],
-)
+FLOAT = {"component_format": "float32"}
+FILMS = [FLOAT, {"component_format": "float16"}, {"pixel_format": "rgba"}, FLOAT | {"pixel_format": "luminance"}]
+
+
+@pytest.mark.parametrize("settings", FILMS)
 def test_exr_holds_the_film_bit_by_bit(variant_rgb, tmp_path, settings):
     """Every channel under its name, in its precision; both OpenEXR's library and Mitsuba read the same."""
     bitmap = rendered(**settings)

@@ -418,7 +418,7 @@ def test_a_scattering_medium_is_ignored_with_a_warning(variant_rgb, logged):
 @pytest.mark.parametrize("ours", [{}, {"diffuse_bounces": -1}, {"caustics": True}, {"nested": {"type": "path"}}])
 def test_closed_room_of_merged_rectangles_is_dark(variant_rgb, sky, ours):
     """Mitsuba's box of this scene has only the ball, and its lamps at infinity are just outside of the box."""
-    image = {"bitmap": mi.Bitmap(np.ones((2, 4, 3), np.float32))} if sky == "envmap" else {}
+    image = {"bitmap": mi.Bitmap(np.ones((4, 4, 3), np.float32))} if sky == "envmap" else {}
     turns = [(axis, sign) for axis in ([1, 0, 0], [0, 1, 0]) for sign in (90, -90)] + [([1, 0, 0], s) for s in (0, 180)]
     walls = [T().rotate(axis, angle).translate([0, 0, -5]).scale(5) for axis, angle in turns]
     wall = {"type": "ref", "id": "wall"}

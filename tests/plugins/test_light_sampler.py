@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from image_statistics import renderings, same_expectation
 from mitsuba_prosim.light.light_sampler import LightSampler, lamp_models
-from mitsuba_prosim.light.strategy import Receiver
+from mitsuba_prosim.light.strategy import Receiver, SphereLights
 from mitsuba_prosim.light.table import Lights
 from scenes import (
     T,
@@ -165,6 +165,17 @@ def test_lamps_of_all_kinds_and_powers_equal_path(variant_rgb, small, hidden, ba
     ours = {"type": "prosim", "adaptive": "none", "max_level": 2, "hide_emitters": hidden}
     for bounces in (-1, 20):
         assert same_expectation(path, renderings(scene, 12, spp=144, diffuse_bounces=bounces, **ours))
+
+
+def test_no_kernel_grows_with_the_number_of_spheres(variant_rgb):
+    """The kernel of a table of 3000 lamps was compiled for a minute."""
+    scene = load_scene(**{f"lamp{k}": sphere_lamp([k, 0, 0], 0.1, 1) for k in range(300)})
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        table = SphereLights(scene.emitters()).table
+        history = dr.kernel_history([dr.KernelType.JIT])
+    assert max(kernel["operation_count"] for kernel in history) < 1500
+    assert np.allclose(table[1], 0.1) and dr.width(table[1]) == 300
 
 
 @pytest.mark.slow

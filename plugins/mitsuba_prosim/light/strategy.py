@@ -129,7 +129,7 @@ class SphereLights(OtherLights):
         self.spheres = [sphere_of(emitter) for emitter in emitters]
         if self.spheres and dr.is_jit_v(mi.Float):  # a table that an array of numbers can index
             centers, radii = zip(*self.spheres)
-            self.table = mi.Point3f(*map(dr.concat, zip(*centers))), dr.concat(radii)
+            self.table = mi.Point3f(*map(concat, zip(*centers))), concat(radii)
             dr.make_opaque(self.table)
 
     @staticmethod
@@ -193,6 +193,19 @@ class SphereLights(OtherLights):
         ds = direction_sample(receiver, moved)
         ds.n = -moved
         return ds, s2 * dr.dot(axis, lift) / dr.dot(moved, lift)
+
+
+def concat(arrays: Sequence[mi.Float]) -> mi.Float:
+    """Returns ``dr.concat(arrays)``, computed 64 at a time: the kernel has code for each array, and compiling that for
+    thousands of arrays would take minutes.
+    """
+    while len(arrays) > 1:
+        parts: list[mi.Float] = []
+        for first in range(0, len(arrays), 64):
+            parts.append(dr.concat(arrays[first : first + 64]))
+            dr.eval(parts[-1])
+        arrays = parts
+    return arrays[0]
 
 
 def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:

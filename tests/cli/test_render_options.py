@@ -341,18 +341,21 @@ def test_with_a_target_path_is_kept_where_prosim_has_another_image(scene, varian
     assert "PathIntegrator" in str(with_targets(loaded.integrator(), loaded).nested)
 
 
-@pytest.mark.parametrize("option", [("--noise", 0.1), ("--paths",)])
+@pytest.mark.parametrize("option", [("--noise", 0.1), ("--spp", 1), ("--paths",)])
 @pytest.mark.parametrize(
-    "wrong, says",
+    "plugin, wrong, says",
     [
-        ('<integer name="depth" value="3"/>', "path has no parameter depth"),
-        ('<string name="max_depth" value="3"/>', '"max_depth" has the wrong type'),
-        ('<integer name="max_depth" value="-5"/>', '"max_depth" must be set to -1'),
-        ('<bsdf type="diffuse"/>', "path has no parameter"),
+        ("path", '<integer name="depth" value="3"/>', "path has no parameter depth"),
+        ("path", '<string name="max_depth" value="3"/>', '"max_depth" has the wrong type (expected '),
+        ("path", '<integer name="max_depth" value="-5"/>', '"max_depth" must be set to -1'),
+        ("path", '<bsdf type="diffuse"/>', "path has no parameter"),
+        ("volpath", '<string name="max_depth" value="3"/>', '"max_depth" has the wrong type (expected '),
+        ("aov", f'<integer name="aovs" value="3"/>{PATH}', '"aovs" has the wrong type (expected '),
     ],
 )
-def test_what_mitsuba_refuses_of_path_is_refused(scene, option, wrong, says):
-    scene.write_text(scene_text(f'<integrator type="path">{wrong}</integrator>', LIT_FLOOR))
+def test_what_mitsuba_refuses_of_an_integrator_is_refused(scene, option, plugin, wrong, says):
+    """Also of parameters that options read and replace."""
+    scene.write_text(scene_text(f'<integrator type="{plugin}">{wrong}</integrator>', LIT_FLOOR))
     refused(says, "render", scene, *option)
 
 
@@ -458,13 +461,3 @@ def test_wrong_scene_writes_nothing(scene, text, says):
 def test_missing_integrator_is_shown_at_its_line(scene, option):
     scene.write_text(scene_text('<integrator type="pathh"/>'))
     refused('(line 3, col 6): failed to instantiate integrator plugin of type "pathh"', "render", scene, option, 1)
-
-
-def test_parameter_of_another_type_is_shown_at_its_line(scene):
-    """Also those that options read and replace."""
-    volpath = '<integrator type="volpath"><string name="max_depth" value="3"/></integrator>'
-    aov = '<integrator type="aov"><integer name="aovs" value="3"/><integrator type="path"/></integrator>'
-    for integrator in (volpath, aov):
-        scene.write_text(scene_text(integrator))
-        for options in (("--noise", 1), ("--spp", 1), ("--paths",)):
-            refused("has the wrong type (expected ", "render", scene, *options)

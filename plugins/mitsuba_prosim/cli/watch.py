@@ -61,9 +61,8 @@ def watch(job: Job, port: int, browser: bool) -> None:
             ended = end_cause(image.render, state.status != "done")
             facts = metadata(job, image.integrator, reached, ended, state.seconds)
             if factors:
-                facts["prosim.mix"] = factors_in_words(
-                    {name.partition(".")[2]: factor for name, factor in factors.items()}
-                )
+                lamps = {name.partition(".")[2]: factor for name, factor in factors.items()}
+                facts["prosim.mix"] = factors_in_words(lamps)
             return images.encode(bitmap, facts, exposure)
 
         with server.served(view, encode, sock) as address:

@@ -58,9 +58,8 @@ def denoise_halves(first: np.ndarray, second: np.ndarray, denoiser: Denoiser) ->
     """Does the work of :func:`denoise` for images of the shape (height, width, 1 or 3)."""
     first, second = (np.where(np.isfinite(a), a, b) for a, b in ((first, second), (second, first)))
     # Values are clipped so that their squares are finite.
-    first, second = (
-        np.clip(np.nan_to_num(half, posinf=0, neginf=0), -BRIGHTEST, BRIGHTEST) for half in (first, second)
-    )
+    first, second = (np.nan_to_num(half, posinf=0, neginf=0) for half in (first, second))
+    first, second = (np.clip(half, -BRIGHTEST, BRIGHTEST) for half in (first, second))
     images = [first, second, *(denoiser(image) for image in inputs(first, second))]
     if max(float(np.abs(image).max()) for image in images) > LARGEST:
         images = [image.astype(np.float64) for image in images]

@@ -123,7 +123,7 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
     blind = [one for one in integrators if one.class_name() == PATH and (one.hide_emitters or not scene.environment())]
     if blind:
         warn_of(
-            (bsdf for bsdf in all_bsdfs(scene) if lobes.has_any(bsdf.flags(), "Null") and _is_smooth(bsdf)),
+            (one for one in all_bsdfs(scene) if all(lobes.has_any(one.flags(), kind) for kind in ("Null", "Smooth"))),
             "{} may reflect too little light: Mitsuba's path forgets the light of the surface around a hole that shows "
             'nothing behind it. Render with "prosim" or "prb".',
         )
@@ -194,10 +194,6 @@ def _has_derivatives(thing: mi.Object) -> bool:
     return any(dr.grad_enabled(parameters[name]) for name in parameters.keys())  # noqa: SIM118 (not all are read)
 
 
-def _is_smooth(bsdf: mi.BSDF) -> bool:
-    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-
 def warn_of_blends_in_maps(scene: mi.Scene, lobe: mi.BSDFContext) -> None:
     """Warns of a ``bumpmap`` or ``normalmap`` around a ``blendbsdf`` that :func:`mixes_wrongly` the lobes ``lobe``."""
     maps = {bsdf: [one for one in all_within(bsdf) if one.class_name() in MAPS] for bsdf in all_bsdfs(scene)}
@@ -236,17 +232,14 @@ def warn_of_missing_flags(scene: mi.Scene) -> None:
 
 def warn_of_unused_render(integrator: mi.SamplingIntegrator) -> None:
     """Warns if a user's class of integrators has its own ``render`` or ``sample_rays``: only ``sample`` is called."""
-    owners = {name: base for base in reversed(type(integrator).__mro__) for name in vars(base)}
-    own = [name for name in ("render", "sample_rays") if name in owners and _is_users(owners[name])]
+    bases = reversed(type(integrator).__mro__)
+    owners = {name: base.__module__.partition(".")[0] for base in bases for name in vars(base)}
+    own = [name for name in ("render", "sample_rays") if owners.get(name, "mitsuba") != "mitsuba"]
     if own and is_users(integrator):
         warn(
             f"the method {own[0]}() of {type(integrator).__name__} is not called, and this image may be "
             "another: the mean of what sample() returns for the sensor's rays. Use mi.render for that of the class."
         )
-
-
-def _is_users(kind: type) -> bool:
-    return kind.__module__.partition(".")[0] != "mitsuba"
 
 
 def _within(bsdf: mi.BSDF, *names: str) -> Iterator[mi.BSDF]:
@@ -265,9 +258,8 @@ def _mixes_wrongly(lobe: mi.BSDFContext, blend: mi.BSDF) -> bool:
     flags = int(blend.flags()) & lobe.type_mask
     if not lobes.has_any(flags, *lobes.SMOOTH):
         return False
-    sides = {
-        mi.has_flag(one.flags(), mi.BSDFFlags.BackSide) for one in parts(blend).values() if isinstance(one, mi.BSDF)
-    }
+    bsdfs = (part for part in parts(blend).values() if isinstance(part, mi.BSDF))
+    sides = {mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide) for bsdf in bsdfs}
     return len(sides) > 1 or bool(lobes.has_any(flags, *lobes.IDEAL) or lobes.has_any(blend.flags(), *lobes.BOTH_SIDES))
 
 

@@ -61,9 +61,8 @@ class Leaves:
         solid = self.of_leaf[leaf]
         inverse = self.to_local[solid]
         local = positions @ inverse[:, :, :3].transpose(0, 2, 1) + inverse[:, None, :, 3]
-        result = CornerAttributes(
-            np.zeros_like(local), np.zeros((*local.shape[:2], 2)), np.zeros(local.shape[:2], bool)
-        )
+        count = local.shape[:2]
+        result = CornerAttributes(np.zeros_like(local), np.zeros((*count, 2)), np.zeros(count, bool))
         for primitive, numbers in self.of_primitive.items():
             chosen = np.isin(solid, numbers)
             if chosen.any():

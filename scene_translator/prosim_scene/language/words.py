@@ -277,6 +277,5 @@ FLAGS = {"0": False, "1": True}
 FLAGS |= {normalise(spelling): word.name == "true" for word in words_of("BOOL") for spelling in word.spellings}
 #: Kind of a light, a material or a texture -> its name in messages; "phong" is a surface without a material.
 KINDS = {"phong": "a surface without a material"}
-KINDS |= {
-    word.name: word.canonical for word in words_of("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
-}
+_NAMED = words_of("DISTRIBUTION", "CONDUCTOR", "DIELECTRIC", "MATERIAL_KIND", "KIND")
+KINDS |= {word.name: word.canonical for word in _NAMED}

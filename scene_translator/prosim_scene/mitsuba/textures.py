@@ -93,6 +93,5 @@ def pattern(scene: Scene, texture: Texture, solid: bool, colored: Colored) -> No
     """
     assert texture.name is not None
     kind, values = parameters(scene, texture.name, solid)
-    return {"type": "prosim_" + kind} | {
-        key: colored(value) if key in COLORS else value for key, value in values.items()
-    }
+    values = {key: colored(value) if key in COLORS else value for key, value in values.items()}
+    return {"type": "prosim_" + kind} | values

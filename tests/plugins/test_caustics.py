@@ -127,6 +127,14 @@ def test_all_photons_within_reach_are_found(variant_rgb, monkeypatch, enough, ti
     assert np.abs(np.array(L).T - expected).max() < 1e-4 * np.abs(expected).max()
 
 
+def traced(world, count):
+    """The caustics of a scene, and where ``count`` photons of its first lamp land."""
+    caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
+    i, caustics.sources.per_pair = dr.arange(mi.UInt32, count), mi.Float(count)
+    start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
+    return caustics, caustics.tracer(start, i)[0]
+
+
 def sun(kind, far):
     """A sun at the distance ``far``: a direction, a point or a ball."""
     place = [0.6 * far, 0.8 * far, 0]
@@ -142,10 +150,7 @@ def test_a_far_lamp_or_a_wide_ground_loses_no_light(variant_rgb, kind):
     for far in (1e3, 1e5):
         things = {"floor": rectangle(T().rotate((1, 0, 0), -90).scale(far)), "sun": sun(kind, far)}
         world = load_scene(sensor=view(4), ball=ball({"type": "dielectric"}), **things)
-        caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
-        i, caustics.sources.per_pair = dr.arange(mi.UInt32, 1 << 15), mi.Float(1 << 15)
-        start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
-        landed, _ = caustics.tracer(start, i)
+        caustics, landed = traced(world, 1 << 15)
         near = landed.valid & (dr.norm(landed.p - mi.Point3f(-0.7, 0, 0)) < 0.5)
         spots.append(dr.sum(dr.select(near, landed.flux.x, 0))[0])
         widths.append(caustics.footprint.width(mi.Point3f(0))[0])
@@ -209,10 +214,8 @@ def test_without_specular_surfaces_or_sources_nothing_changes_and_a_warning_says
     assert np.array_equal(render(dull), render(dull, caustics=False))
     dark = scene(ball=ball({"type": "dielectric"}))
     assert np.array_equal(render(dark), render(dark, caustics=False))
-    assert [text.rpartition(": ")[2] for _, text in logged] == [
-        "no surface is a mirror, glass or glossy.",
-        "no lamp can emit photons.",
-    ]
+    said = [text.rpartition(": ")[2] for _, text in logged]
+    assert said == ["no surface is a mirror, glass or glossy.", "no lamp can emit photons."]
 
 
 def test_each_sample_has_photons_of_its_own(variant_rgb):
@@ -365,10 +368,8 @@ def test_a_beam_loses_as_much_from_either_end(variant_rgb, bsdf):
 
 
 #: Beams that are narrower than the floor that is looked at.
-BALLS = {
-    "ball in a cone": {"distribution": "cone", "angle": 3.0},
-    "ball as a spot": {"distribution": "spot", "exponent": 600.0},
-}
+BALLS = {"ball in a cone": {"distribution": "cone", "angle": 3.0}}
+BALLS["ball as a spot"] = {"distribution": "spot", "exponent": 600.0}
 #: Lamps that are tested together.
 KINDS = [("point", "directional"), ("prosim_point", "spot", "projector"), tuple(BALLS)]
 
@@ -426,10 +427,7 @@ def test_glass_in_a_closed_box_casts_all_the_light_that_it_gets_on_the_walls(var
     """
     thing = ball(glass, (0.2, 0.1, 0), 0.5)
     world = load_scene(sensor=view(4), walls={"type": "cube", "flip_normals": True} | area(), ball=thing)
-    caustics = Caustics.of(world, world.sensors()[0], 1, 1 << 31, True)
-    i, caustics.sources.per_pair = dr.arange(mi.UInt32, 1 << 17), mi.Float(1 << 17)
-    start = caustics.sources.start(i * 0, *start_points(mi.UInt32(7), i), mi.Color0f())
-    landed, _ = caustics.tracer(start, i)
+    _, landed = traced(world, 1 << 17)
     power = dr.sum(dr.select(landed.valid, landed.flux.x, 0))[0]
     eye = parallel(32, 0.5, (0.2, 0.1, 2), (0.2, 0.1, 0), (0, 1, 0))
     world = load_scene(sensor=eye, sky={"type": "constant"}, ball=thing)
@@ -547,23 +545,14 @@ def floor_alone(world):
     return np.all([around[j : j + size, i : i + size] for i in range(3) for j in range(3)], axis=0)
 
 
-def green():
-    """Glass that absorbs, most of red, and disperses."""
-    absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
-    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
-    return ball(DISPERSIVE) | {"interior": medium}
-
-
-#: name -> (object, lamp): such that paths find their light often enough to be compared with.
+WHOLE = {"type": "principled", "base_color": 0.9, "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}
+#: name -> (material of the ball, lamp): such that paths find their light often enough to be compared with.
 CASES = {
-    "glass": (lambda: ball({"type": "dielectric"}), lamp),
-    "rough glass": (lambda: ball({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}), lamp),
-    "rough metal": (lambda: ball({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}), lamp),
-    "taken whole, under a sky": (
-        lambda: ball({"type": "principled", "base_color": 0.9, "roughness": 0.3, "spec_trans": 1.0, "eta": 1.5}),
-        lambda: {"type": "constant", "radiance": 1.0},
-    ),
-    "through a slab, on what is taken whole": (lambda: ball({"type": "dielectric"}), lamp),
+    "glass": ({"type": "dielectric"}, lamp()),
+    "rough glass": ({"type": "prosim_dielectric", "int_ior": 1.5, "alpha": 0.2}, lamp()),
+    "rough metal": ({"type": "prosim_conductor", "material": "Cu", "alpha": 0.15}, lamp()),
+    "taken whole, under a sky": (WHOLE, {"type": "constant", "radiance": 1.0}),
+    "through a slab, on what is taken whole": ({"type": "dielectric"}, lamp()),
 }
 
 
@@ -625,18 +614,20 @@ def slab():
 @pytest.mark.parametrize("case", CASES)
 def test_the_light_is_that_of_paths_region_by_region(variant_rgb, case):
     """On a floor so dark that it lights nothing itself, the tree and its photons know all of the light."""
-    thing, source = (make() for make in CASES[case])
-    world = scene(FINE, reflectance=3e-4, thing=thing, lamp=source)
+    bsdf, source = CASES[case]
+    world = scene(FINE, reflectance=3e-4, thing=ball(bsdf), lamp=source)
     seen = floor_alone(world)
     if case.startswith("through a slab"):
-        world = scene(FINE, thing=thing, lamp=source, slab=slab(), floor=floor(3e-4, "principled"))
+        world = scene(FINE, thing=ball(bsdf), lamp=source, slab=slab(), floor=floor(3e-4, "principled"))
     agree(world, seen)
 
 
 @pytest.mark.slow
 def test_wavelengths_go_their_ways_as_those_of_paths(variant_spectral):
     """Glass that absorbs and disperses, under a white lamp: photons have the wavelengths of their samples."""
-    world = scene(FINE, reflectance=3e-4, thing=green(), lamp=lamp())
+    absorbed = {"type": "rgb", "value": [1.0, 0.3, 0.75]}
+    medium = {"type": "homogeneous", "albedo": 0.0, "sigma_t": absorbed, "scale": 2.0}
+    world = scene(FINE, reflectance=3e-4, thing=ball(DISPERSIVE) | {"interior": medium}, lamp=lamp())
     agree(world, floor_alone(world), kind="volpath")
 
 

@@ -9,7 +9,7 @@ import pytest
 from image_statistics import blocks, renderings, same_expectation
 from mitsuba_prosim.alone import alone
 from mitsuba_prosim.scene.scene_file import SceneFile
-from scenes import T, camera, film, load_scene, penumbra, rectangle, slow
+from scenes import T, camera, film, load_scene, loaded, penumbra, rectangle, slow
 
 
 @pytest.mark.parametrize("spp, least, most", [(4, 0, 0.9), (5, 0.9, 1.1)])
@@ -52,9 +52,7 @@ def test_black_light_is_light_in_spectral_variants_too(variant_spectral):
     ids=["wide filter", "two halves", "many channels"],
 )
 def test_image_with_too_many_sums_is_refused_in_words(variant_rgb, size, aovs, measure, most):
-    scene = penumbra(rfilter="gaussian", type="prosim", aovs=aovs)
-    scene["sensor"]["film"].update(width=size[0], height=size[1])
-    scene = mi.load_dict(scene)
+    scene = loaded(rfilter="gaussian", aovs=aovs, film={"width": size[0], "height": size[1]})
     with pytest.raises(ValueError, match=rf"{size[0]} x {size[1]} pixels are too many .* {most} million.* crops"):
         scene.integrator().progressive(scene, measure=measure)
 

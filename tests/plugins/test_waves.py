@@ -165,18 +165,13 @@ def test_nothing_is_left_on_the_integrator_nor_the_film(variant_rgb):
     assert vars(integrator) == before
 
 
-def thin_lens(ball=None, **settings):
-    """A scene through a thin lens and a crop window."""
-    scene = penumbra(ball, **{"type": "prosim", "band": 100, **settings})
-    scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.1}
-    scene["sensor"]["film"] |= CROP
-    return mi.load_dict(scene)
-
-
 @pytest.mark.slow
 def test_derivatives_and_features_in_two_threads_are_those_of_one(variant_rgb):
-    """With one scene and one sensor, whose film has a crop window."""
-    scene = thin_lens(COPPER, max_level=1, samples=2, adaptive="none")
+    """With one scene and one sensor, which has a lens, and whose film has a crop window."""
+    scene = penumbra(COPPER, type="prosim", band=100, max_level=1, samples=2, adaptive="none")
+    scene["sensor"] |= {"type": "thinlens", "aperture_radius": 0.1}
+    scene["sensor"]["film"] |= CROP
+    scene = mi.load_dict(scene)
     params, features = mi.traverse(scene), mi.load_dict({"type": "prosim_features"})
     params.keep("floor.bsdf.reflectance.value")
 

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..alone import alone
+from ..compat import exposed
 from .error_target import UNCERTAIN, ErrorTarget, mean
 from .estimator import Estimator
 from .goal import Measure, Pass, goal_of
@@ -20,7 +21,7 @@ from .plan import Plan, area
 from .policies import mean_around
 from .standard_error import in_display_units
 from .tiles import Part
-from .tiny_lamps import samples_for_tiny_lamps
+from .tiny_lamps import lights_off, samples_for_tiny_lamps
 from .work import Executor, Step, Steps, batches, lacking, work_items
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Minimum number of samples per pixel, and maximum relative deviation, of a bound of the RMS error that is known.
 FEW, KNOWN = 8, 0.1
+#: What gives NaN values, if their cause is unknown.
+UNKNOWN = "a texture, material or lamp gives"
 
 
 class Reached(NamedTuple):
@@ -101,7 +104,7 @@ class Render(Steps):
         self._stopped, self._complete, self._done = False, True, 0.0
         tree = getattr(getattr(estimator.transport, "settings", None), "follows_tree", False)
         by_chance = estimator.transport.caustics is None and not tree
-        self._for_tiny_lamps = samples_for_tiny_lamps(estimator.scene, estimator.sensor, by_chance)
+        self._for_tiny_lamps, self.tiny_lamp = samples_for_tiny_lamps(estimator.scene, estimator.sensor, by_chance)
         super().__init__(self._run())
 
     # ---------------------------------------------------------------- as an iterator
@@ -186,9 +189,16 @@ class Render(Steps):
         if not lost.any():
             return ""
         y, x = np.unravel_index(np.argmax(lost), lost.shape)
+        params, wrong = exposed(self.state.estimator.scene), list[str]()
+        for name in params.keys():  # noqa: SIM118 (a SceneParameters iterates over other things)
+            with suppress(TypeError, ValueError):  # a parameter that is no number
+                if not np.all(np.isfinite(np.array(params[name], np.float64))):
+                    wrong.append(name)
+        off = lights_off(self.state.estimator.scene, endless=True)
+        cause = f"{', '.join(wrong[:3])} has" if wrong else f"{off[0]}, which gives" if off else UNKNOWN
         return (
             f"{lost.sum():,} of {self.counts().sum():,} samples are infinite or NaN, and count as black, most of them "
-            f"in the pixel {x},{y}: a texture, material or lamp gives such values"
+            f"in the pixel {x},{y}: {cause} such values"
         )
 
     @property

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from unittest import mock
 
 import mitsuba as mi
+import mitsuba_prosim
 import numpy as np
 import pytest
 from mitsuba_prosim import atomic
@@ -331,13 +332,17 @@ def test_a_picture_shown_brighter_is_not_black(tmp_path):
     said = done(*command, -9).output
     enough = re.search(r"the picture is black: its brightest value is .*--exposure (-?\d+) makes them bright", said)[1]
     assert "black" not in done(*command, enough).output
+    (tmp_path / "scene.scn").write_text(DIM.replace("3 3 3", "300 300 300").replace("-4 -3 4 3", "-.8 -.6 .8 .6"))
+    told = [done(*command, exposure, "--noise", 0.1).output for exposure in (0, 9, 17)]
+    assert [re.findall("brighten|dim all", one) for one in told] == [["brighten"], [], ["dim all"]]
 
 
 def test_what_makes_a_picture_black_has_its_name_in_the_scene(tmp_path):
     shaded = DIM.replace("9 9 9", "0 0 .5").replace("SPHERE 0 ", "\n+ SPHERE 0\nCUBE 1\n")
     (tmp_path / "scene.scn").write_text(shaded.replace("END", "SURFACE 1 TRANSFORM 1 TRANSLATE (2 -1 -5) END"))
-    said = done("render", tmp_path / "scene.scn", "--spp", 1).output
-    assert "such as that of SPHERE 0 (line 3), CUBE 1 (line 4): " in said
+    names = "such as that of SPHERE 0 (line 3), CUBE 1 (line 4): "
+    assert names in done("render", tmp_path / "scene.scn", "--spp", 1).output
+    assert names in mitsuba_prosim.render(tmp_path / "scene.scn", spp=1, progress=False).verdict
 
 
 # ---- Links in the place of outputs

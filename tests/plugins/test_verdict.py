@@ -70,12 +70,18 @@ def faults():
         (scene(vase=ball(GLASS), **bulb(), **panel()), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS), **bulb(), **SKY), "light of bulb by way of vase"),
         (scene(vase=ball(GLASS, (0, 3, 0), 0.5), **bulb((0, 3, 0), 0.1)), "light of bulb by way of vase"),
-        (scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)), "small lamp in mirrors or behind glass"),
+        (
+            scene(vase=ball(MIRROR), **bulb(radius=0.01, radiance=5e4)),
+            "a small lamp, bulb, in mirrors or behind glass, such as vase",
+        ),
         (scene(pane=pane({"type": "thindielectric"}), **bulb((0, 4, 0), 0.05, 900.0)), "light of bulb through pane"),
         (scene(pane=pane(FROSTED), **bulb((0, 4, 0), 0.1, 300.0)), "light of bulb by way of pane"),
-        (scene({"type": "path", "max_depth": 3}, vase=ball(GLASS), **bulb()), "max_depth = 3 ends rays within glass"),
+        (scene({"type": "path", "max_depth": 3}, vase=ball(GLASS), **bulb()), "Within glass, max_depth = 3 ends rays"),
         (scene(**cloud(), **bulb()), "PathIntegrator ignores the media of the scene: take volpath"),
-        (scene({"type": "volpath", "max_depth": 6}, **cloud(), **bulb((0, 1, 0), 0.05, 300.0)), "media scatter light"),
+        (
+            scene({"type": "volpath", "max_depth": 6}, **cloud(), **bulb((0, 1, 0), 0.05, 300.0)),
+            "medium in cloud scatters light",
+        ),
     ]
 
 
@@ -104,8 +110,17 @@ def black():
     crop["sensor"]["film"] |= {"width": 320, "crop_width": 8}
     other = scene(target=(0, 0.5, 14), **overhead) | {"second": camera((0, 3, 7), (0, 0, 0), film(8))}
     upwards = {"type": "spot", "to_world": T().look_at([0, 5, 0], [0, 9, 0], [1, 0, 0])}
+    distant, dense = scene(**overhead), FOG | {"sigma_t": 90.0}
+    distant["sensor"]["far_clip"] = 1.0
+    dark = {"type": "area", "radiance": {"type": "bitmap", "bitmap": mi.Bitmap(np.zeros((4, 4, 3), np.float32))}}
     return [
         (scene(), "the scene has no lights"),
+        (distant, "the camera's far_clip cuts off 66% of the picture"),
+        (scene(dark=pane({"type": "diffuse"}) | {"emitter": dark}), "the lights are off: radiance of dark is 0"),
+        (
+            scene({"type": "volpath"}, mud=ball({"type": "null"}, radius=50) | {"interior": dense}, **overhead),
+            "the medium in mud lets no light through",
+        ),
         (scene({"type": "aov", "aovs": "dd:depth"}), "only its channels, such as dd.T"),
         (scene(target=(0, 0.5, 14), **overhead), "nothing is in view"),
         (scene(origin=(-2.5, 0.5, 0), target=(0, 0.5, 0), **overhead), "the eye is within a solid"),
@@ -115,8 +130,11 @@ def black():
         (scene({"type": "path", "max_depth": 1}, **overhead), "max_depth = 1 ends all rays"),
         (scene({"type": "direct"}, **mirrored), "the integrator direct, unlike path, ends all rays"),
         (scene({"type": "prosim", "max_level": 0}, **mirrored), "max_level = 0 ends all rays"),
-        (scene({"type": "path", "max_depth": 2}, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),
-        (scene(deep, floor=pane(soot), chalk=pane(soot), **overhead), "none is reflected"),
+        (
+            scene({"type": "path", "max_depth": 2}, floor=pane(soot), chalk=pane(soot), **overhead),
+            "which reflects nothing",
+        ),
+        (scene(deep, floor=pane(soot), chalk=pane(soot), **overhead), "which reflects nothing"),
         (scene(hiding, (0, 20, 0), **bulb((0, 20, 0), 30)), "hide_emitters of the integrator hides them"),
         (scene(HIDING, (0, 20, 0), sky=SKY["sky"]), "hide_emitters of the integrator hides them"),
         (scene(floor=pane(CLEAR), chalk=pane(CLEAR), **overhead), "masks with nothing"),
@@ -207,6 +225,17 @@ def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
 
 
+@pytest.mark.parametrize("launching, told", [(0.0, True), (9.0, False)])
+def test_long_time_limit_leaves_time_for_the_cause(variant_rgb, launching, told):
+    """Unless its kernels would take long to compile, as those of the image did."""
+    limited = {"type": "prosim_adaptive", "nested": PATH, "noise": 1e-5, "max_samples": 64}
+    made = mi.load_dict(scene(limited, vase=ball(GLASS), **bulb()))
+    render = made.integrator().progressive(made).run()
+    render.target.seconds, render.target.started = 20.0, time.perf_counter() - 20.4
+    render.executor.launching = launching
+    assert ("the light of bulb by way of vase" in verdict(render, integrator=made.integrator())) == told
+
+
 @pytest.mark.parametrize("seconds, compiled, told", [(1.5, 1.4, True), (1.5, 0.4, False), (1.05, 9.4, False)])
 def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, compiled, told):
     made = mi.load_dict(scene({"type": "prosim_adaptive", "nested": PATH, "time": 1.0, "max_samples": 2}, **panel()))
@@ -275,6 +304,64 @@ def test_light_that_is_lost_behind_glass_is_told(variant_rgb):
     assert "light is missing: through surface_3" in lost_behind_glass(world, world.sensors()[0], paths=False)
 
 
+def plainly_wrong():
+    """Scenes with a fault, which no further samples mend, and the verdict; and two without a fault."""
+    flat = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((8, 8, 3), (128, 128, 255), np.uint8))}
+    bumpy = {
+        "type": "twosided",
+        "b": {"type": "normalmap", "normalmap": flat | {"raw": False}, "b": {"type": "diffuse"}},
+    }
+    volpath, fog, vast = {"type": "volpath"}, {"interior": FOG}, {"interior": FOG | {"sigma_t": 0.1}}
+    shade, thin = ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), {"interior": FOG | {"sigma_t": 1e-4}}
+    near, far, within = (
+        scene(**panel()),
+        scene(**panel()),
+        scene(volpath, cloud=ball({"type": "null"}, radius=30) | vast),
+    )
+    near["sensor"]["near_clip"], far["sensor"]["far_clip"], within["sensor"]["medium"] = 7.5, 7.5, vast["interior"]
+    return [
+        (scene(floor=pane(bumpy), **panel()), "normal map of floor is read as colours (sRGB)"),
+        (near, "near_clip cuts off"),
+        (far, "far_clip cuts off"),
+        (
+            scene({"type": "direct"}, vase=ball(MIRROR), **panel()),
+            "In mirrors, such as vase, the integrator direct, unlike",
+        ),
+        (
+            scene({"type": "path", "max_depth": 2}, vase=ball(MIRROR), **panel()),
+            "such as vase, max_depth = 2 shows only",
+        ),
+        (scene({"type": "volpath", "max_depth": 3}, **cloud(), **panel()), "Within media, max_depth = 3 ends rays"),
+        (
+            scene(volpath, cloud=ball(diffuse(0.5, 0.5, 0.5)) | fog, **panel()),
+            "medium in cloud is hidden by its surface",
+        ),
+        (scene(volpath, cloud=ball({"type": "null"}) | thin, **panel()), "medium in cloud is too thin to see"),
+        (scene(volpath, cloud=ball({"type": "null"}, radius=30) | vast, **panel()), "The camera is within cloud"),
+        (within | panel(), ""),
+        (scene(volpath, vase=ball(GLASS) | fog, bulb=POINT), "lamps without extent send through vase is missing"),
+        (scene(vase=ball(MIRROR), bulb=POINT | {"position": [2, 5, 2]}), "lamps without extent send by way of vase"),
+        (scene(vase=ball(MIRROR), **bulb((2, 5, 2))), ""),
+        (scene(shade=shade, **bulb(), **SKY), "No direct light of bulb arrives at the visible surfaces: shade is in"),
+        (scene(floor=scene()["floor"] | {"flip_normals": True}, **panel()), "such as floor show their inner side"),
+        (scene(bulb=POINT | {"intensity": rgb(5, 5, 5), "position": [0, 40, 0]}), "brighten all lights"),
+        (
+            scene(
+                up=rectangle(T().translate([0, 5, 0]).rotate([1, 0, 0], -90)) | area(9),
+                dim=POINT | {"intensity": rgb(*[0.5] * 3)},
+            ),
+            "No direct light of up",
+        ),
+    ]
+
+
+@pytest.mark.slow
+def test_scene_that_is_plainly_wrong_is_told(variant_rgb):
+    for made, says in plainly_wrong():
+        told = mitsuba_prosim.render(mi.load_dict(made), noise=0.3, progress=False).verdict
+        assert says in told and (says or told.count(". ") == 0), told
+
+
 def test_good_image_has_no_cause(variant_rgb):
     made = scene(PATH, **panel())
     good = mitsuba_prosim.render(mi.load_dict(made), noise=0.02, progress=False)
@@ -302,6 +389,15 @@ def test_samples_that_are_not_finite_are_told(variant_rgb, integrator, place):
     made = mi.load_dict(scene(integrator, **things))
     told = mitsuba_prosim.render(made, spp=8, progress=False).verdict
     assert "of 8,192 samples are infinite or NaN, and count as black, most of them in the pixel " in told
+    (name,) = {"surface": ["floor.bsdf.reflectance"], "lamp": ["panel.emitter.radiance"], "sky": ["sky"]}[place]
+    assert f"{name}.data has such values" in told
+
+
+def test_black_sky_is_told(variant_rgb):
+    """Its samples may be NaN."""
+    made = scene(sky={"type": "envmap", "bitmap": mi.Bitmap(np.zeros((8, 16, 3), np.float32))})
+    told = mitsuba_prosim.render(mi.load_dict(made), spp=8, progress=False).verdict
+    assert "data of sky is 0" in told
 
 
 @pytest.mark.slow

@@ -369,8 +369,8 @@ def finished_image(
     if final is not None:
         added = denoised_facts(final, interrupted)
         bitmap = bitmap if interrupted and len(final.render.half_images()) == 1 else final.bitmap()
-    line = summary(render, final, interrupted, task.integrator, task.file)  # before the time of encoding
     exposure = job.exposure or 0.0
+    line = summary(render, final, interrupted, task.integrator, task.file, exposure)  # before the time of encoding
     colours = images.colours(bitmap)
     why_black = None
     if not interrupted:
@@ -413,7 +413,9 @@ def metadata(job: Job, integrator: Any, reached: Reached | None, ended: str | No
     return {f"prosim.{name}": value for name, value in result.items()}
 
 
-def summary(render: Any, final: FinalImage | None, interrupted: bool, integrator: Any, file: Any) -> str | None:
+def summary(
+    render: Any, final: FinalImage | None, interrupted: bool, integrator: Any, file: Any, exposure: float
+) -> str | None:
     """Returns a line with the verdict, the samples and the seconds of a render, for the arguments of :func:`.verdict`;
     None for a render with neither a target nor a ``final`` image of a denoiser.
     """
@@ -421,7 +423,7 @@ def summary(render: Any, final: FinalImage | None, interrupted: bool, integrator
     if reached is None:
         return None if final is None else denoised_words(final, interrupted)
     limit = f" of {render.target.seconds:g}" if render.target.seconds else ""
-    words, stop, causes = verdict(render, final, interrupted, integrator, file).partition(". ")
+    words, stop, causes = verdict(render, final, interrupted, integrator, file, exposure).partition(". ")
     return f"{words}, {reached.samples:.1f} samples a pixel, {reached.seconds:.1f} s{limit}{stop}{causes}"
 
 

@@ -371,7 +371,7 @@ def shape_names(scene: mi.Scene, words: Mapping[str, str]) -> dict[int, str]:
     return {shape_number(mi.ShapePtr(s)): title(s, number, words) for number, s in enumerate(all_shapes(scene))}
 
 
-def title(thing: mi.Object, number: int, words: Mapping[str, str]) -> str:
+def title(thing: mi.Object, number: int | str, words: Mapping[str, str]) -> str:
     """Returns the name of a shape or emitter: from ``words``, or by :func:`.name_of` with its material from
     ``words``.
     """

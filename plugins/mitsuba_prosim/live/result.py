@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -20,7 +21,7 @@ from prosim_scene import extras
 from tqdm.auto import tqdm
 
 from .. import atomic
-from ..explaining.verdict import verdict
+from ..explaining.verdict import name_in, verdict
 from ..parameters import check_limit, check_whole, pick_sensor
 from ..registry import create
 from ..scene import black, rendering
@@ -131,43 +132,46 @@ def converge(
     limits = {name: limit for name, value in given.items() if (limit := check_limit(name, value))}
     if (spp := check_whole("spp", spp)) and limits:
         raise ValueError(f"{caller}: spp gives each pixel exactly so many samples; leave it out with noise and time")
-    loaded = load(caller, scene)
-    integrator: Any = loaded.integrator() or create("path")
-    if rendering.is_denoised(integrator):
-        integrator, denoise = integrator.nested, True
-    if limits:
-        integrator = rendering.with_targets(integrator, loaded)
-    sensor = pick_sensor(loaded, sensor)
-    image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
-    interrupted = False
-    with ExitStack() as stack:
-        for name, value in (limits | {"adaptive": "graded"} if limits else {}).items():
-            stack.callback(setattr, integrator, name, getattr(integrator, name))  # restores the value
-            setattr(integrator, name, value)
-        while not (image.done or interrupted):
-            interrupted = follow(image, image.step()) is True
-    layers, reached = image.layers(), image.render.reached
-    if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
-        reached = image.reached
-    bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
-    lost = getattr(image.render, "lost", "")
-    why_black = not (interrupted or lost) and black.reason(
-        loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright"
-    )
-    told = why_black or verdict(image.render, image.final, interrupted, integrator)
-    return Result(
-        image.developed(),
-        layers.get("error", image.render.error()),
-        image.render.counts(),
-        reached.noise,
-        bound,
-        f"{told}. {lost}" if lost else told,
-        layers["final"],
-    )
+    with atomic.scratch() as folder:
+        loaded, file = load(caller, scene, folder)
+        integrator: Any = loaded.integrator() or create("path")
+        if rendering.is_denoised(integrator):
+            integrator, denoise = integrator.nested, True
+        if limits:
+            integrator = rendering.with_targets(integrator, loaded)
+        sensor = pick_sensor(loaded, sensor)
+        image = ProgressiveImage(integrator, loaded, sensor, spp, seed, denoise)
+        interrupted = False
+        with ExitStack() as stack:
+            for name, value in (limits | {"adaptive": "graded"} if limits else {}).items():
+                stack.callback(setattr, integrator, name, getattr(integrator, name))  # restores the value
+                setattr(integrator, name, value)
+            while not (image.done or interrupted):
+                interrupted = follow(image, image.step()) is True
+        layers, reached = image.layers(), image.render.reached
+        if np.isnan(reached.noise):  # not measured during the render, but perhaps by the denoiser
+            reached = image.reached
+        bound = image.render.noise_bound() if np.isnan(reached.noise) else reached.noise_at_most
+        lost = getattr(image.render, "lost", "")
+        why_black = not (interrupted or lost) and black.reason(
+            loaded, sensor, layers["final"], "Multiplied by 2^{} it is bright", called=partial(name_in, file)
+        )
+        told = why_black or verdict(image.render, image.final, interrupted, integrator, file)
+        return Result(
+            image.developed(),
+            layers.get("error", image.render.error()),
+            image.render.counts(),
+            reached.noise,
+            bound,
+            f"{told}. {lost}" if lost else told,
+            layers["final"],
+        )
 
 
-def load(caller: str, scene: AnyScene) -> mi.Scene:
-    """Returns the loaded ``scene``; raises RuntimeError, about ``caller``, for a scalar variant or none."""
+def load(caller: str, scene: AnyScene, folder: Path) -> tuple[mi.Scene, SceneFile | None]:
+    """Returns the loaded ``scene``, and its file, which has files in ``folder``; raises RuntimeError, about ``caller``,
+    for a scalar variant or none.
+    """
     if mi.variant() is None:
         raise RuntimeError(f"{caller}: no variant is set; set one before, such as mi.set_variant('llvm_ad_rgb').")
     if str(mi.variant()).startswith("scalar"):
@@ -177,10 +181,10 @@ def load(caller: str, scene: AnyScene) -> mi.Scene:
         check_parameters(mi.parser.parse_dict(mi.parser.ParserConfig(str(mi.variant())), dict(scene)))
         scene = mi.load_dict(dict(scene))
     if isinstance(scene, (str, Path)):
-        with atomic.scratch() as folder:
-            return SceneFile(scene, folder).load()
+        file = SceneFile(scene, folder)
+        return file.load(), file
     require_scene(caller, scene)
-    return scene
+    return scene, None
 
 
 def refuse_none(caller: str, entries: Mapping[str, Any], place: str = "") -> None:

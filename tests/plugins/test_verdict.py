@@ -1,5 +1,6 @@
 """The verdict on a render names the cause of a fault."""
 
+import re
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -80,7 +81,7 @@ def faults():
         (scene(**cloud(), **bulb()), "PathIntegrator ignores the media of the scene: take volpath"),
         (
             scene({"type": "volpath", "max_depth": 6}, **cloud(), **bulb((0, 1, 0), 0.05, 300.0)),
-            "medium in cloud scatters light",
+            "medium in cloud scatters or absorbs light",
         ),
     ]
 
@@ -305,12 +306,14 @@ def test_light_that_is_lost_behind_glass_is_told(variant_rgb):
 
 
 def plainly_wrong():
-    """Scenes with a fault, which no further samples mend, and the verdict; and two without a fault."""
+    """Scenes with a fault, which no further samples mend, and the verdict, which is empty without a fault."""
     flat = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((8, 8, 3), (128, 128, 255), np.uint8))}
     bumpy = {
         "type": "twosided",
         "b": {"type": "normalmap", "normalmap": flat | {"raw": False}, "b": {"type": "diffuse"}},
     }
+    values = {"type": "bitmap", "bitmap": mi.Bitmap(np.full((8, 8, 3), (0.5, 0.5, 1), np.float32)), "raw": False}
+    linear = {"type": "twosided", "b": {"type": "normalmap", "normalmap": values, "b": {"type": "diffuse"}}}
     volpath, fog, vast = {"type": "volpath"}, {"interior": FOG}, {"interior": FOG | {"sigma_t": 0.1}}
     shade, thin = ball(diffuse(0.2, 0.2, 0.2), (2, 5, 0), 0.5), {"interior": FOG | {"sigma_t": 1e-4}}
     near, far, within = (
@@ -339,6 +342,8 @@ def plainly_wrong():
         (scene(volpath, cloud=ball({"type": "null"}) | thin, **panel()), "medium in cloud is too thin to see"),
         (scene(volpath, cloud=ball({"type": "null"}, radius=30) | vast, **panel()), "The camera is within cloud"),
         (within | panel(), ""),
+        (scene(floor=pane(linear), **panel()), ""),
+        (scene(origin=(0, 1, 60), **panel()), ""),
         (scene(volpath, vase=ball(GLASS) | fog, bulb=POINT), "lamps without extent send through vase is missing"),
         (scene(vase=ball(MIRROR), bulb=POINT | {"position": [2, 5, 2]}), "lamps without extent send by way of vase"),
         (scene(vase=ball(MIRROR), **bulb((2, 5, 2))), ""),
@@ -359,7 +364,7 @@ def plainly_wrong():
 def test_scene_that_is_plainly_wrong_is_told(variant_rgb):
     for made, says in plainly_wrong():
         told = mitsuba_prosim.render(mi.load_dict(made), noise=0.3, progress=False).verdict
-        assert says in told and (says or told.count(". ") == 0), told
+        assert says in told and (says or not re.search("surfaces|normal|medium|clip|missing|darker", told)), told
 
 
 def test_good_image_has_no_cause(variant_rgb):

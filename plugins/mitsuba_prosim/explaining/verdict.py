@@ -52,7 +52,7 @@ BRIGHT, DARK, WITHOUT_LIGHT = 8.0, 0.01, (AOV, "DepthIntegrator")
 #: A fraction of the pixels that is too large for negative values by the film's filter.
 NEGATIVE = 0.1
 #: A normal map that is not raw, in the description of a BSDF, and its mean; and a mean that is too low for normals.
-NORMALS, TILTED = re.compile(r"normalmap = BitmapTexture\[(?:.*\n){3}\s*raw = 0,\s*mean = \[([^\],]+)"), 0.57
+NORMALS, TILTED = re.compile(r"normalmap = BitmapTexture\[(?:.*\n){3}\s*raw = 0,\s*mean = \[([^\],]+)"), 0.4
 #: Mitsuba's integrators that ignore media.
 SURFACES = ("PathIntegrator", "DirectIntegrator")
 #: Functions that return a sentence on what the sensor sees.
@@ -130,7 +130,7 @@ def verdict(
         if is_doubtful(render, LOUD if final is None else np.inf) and not (interrupted or ignored):
             with suppress(Exception):
                 sentences.append(cause(render, integrator, file))
-    return ". ".join(filter(None, [*sentences, late]))
+    return ". ".join(filter(None, [*sentences, late])).replace("?. ", "? ")
 
 
 def why_late(render: Render) -> str:
@@ -185,7 +185,7 @@ def cause(render: Render, integrator: Any, file: Any = None) -> str:
             return f"{told}: {why}"
     if media:
         fog = [name_in(file, shape) for shape in all_shapes(scene) if shape.is_medium_transition()]
-        return f"{told}, and the medium in {' and '.join(fog[:2]) or 'the scene'} scatters light"
+        return f"{told}, and the medium in {' and '.join(fog[:2]) or 'the scene'} scatters or absorbs light"
     # One of few pixels may have met the only bright sample; the variance of many pixels is known.
     better = why == "" and not few and nested_name(render)
     return f"{told}; paths of prosim (--paths) would vary much less" if better else told * few
@@ -255,20 +255,22 @@ def light_of(render: Render) -> np.ndarray:
 def badly_exposed(render: Render, file: Any = None, exposure: float = 0.0) -> str:
     """Returns a sentence that the picture is much brighter than white, or almost black, and why; empty if not."""
     light = light_of(render) * 2.0**exposure
-    middle, most, dark = *map(float, np.percentile(light, [50, 95])), bool(np.max(light) >= BLACK)
+    middle, most, brightest = map(float, np.percentile(light, [50, 95, 100]))
     if nested_name(render) in WITHOUT_LIGHT or not limits(render):
         return ""
     if BRIGHT < middle < np.inf:
         return (
             f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
         )
-    if dark and most < DARK:
-        scene, sensor = render.state.estimator.scene, render.state.estimator.sensor
-        why = reason_by_rays(scene, sensor, partial(name_in, file), RARE) if scene.emitters() else ""
-        brighter = f"brighten all lights by 2^{-log2(max(most, BLACK)):.0f}"
-        told = f"95% of the picture is darker than {max(most, BLACK):.2g}, white being 1"
-        return f"{told}: {(why and 'for most of it, ' + why.removesuffix('.')) or brighter}"
-    return ""
+    if brightest < BLACK or most > DARK:
+        return ""
+    scene, sensor = render.state.estimator.scene, render.state.estimator.sensor
+    if scene.emitters() and (why := reason_by_rays(scene, sensor, partial(name_in, file), RARE)):
+        return (
+            f"95% of the picture is darker than {max(most, BLACK):.2g}, white being 1: mostly, {why.removesuffix('.')}"
+        )
+    told = f"The picture is darker than {brightest:.2g}, white being 1: brighten all lights by 2^{-log2(brightest):.0f}"
+    return told if brightest < DARK else ""  # there are pictures of the night
 
 
 def srgb_normals(render: Render, file: Any = None) -> str:

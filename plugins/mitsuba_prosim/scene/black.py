@@ -87,7 +87,7 @@ def reason_by_rays(scene: mi.Scene, sensor: mi.Sensor, called: Called, rare: flo
 
 def _why_unseen(scene: mi.Scene, sensor: mi.Sensor, called: Called, rare: float, ray: Any, si: Any) -> str:
     """Returns why the camera sees no front of a surface, through air; empty if it sees one."""
-    visible, no = si.is_valid(), partial(_at_most, rare * SIDE**2)
+    visible, no = si.is_valid(), partial(_at_most, rare * dr.count(si.is_valid())[0])
     for shape, thickness, why in media_of(scene):
         box = shape.bbox()
         within = all(box.contains(lamp.bbox().center()) for lamp in scene.emitters())
@@ -98,7 +98,7 @@ def _why_unseen(scene: mi.Scene, sensor: mi.Sensor, called: Called, rare: float,
         lamps = si.emitter(scene) != None  # noqa: E711
         if dr.any(lamps) and dr.all(~visible | lamps):
             return "only lamps are in view, and hide_emitters of the integrator hides them."
-    if no(visible):
+    if not dr.any(visible):  # many pictures have little in view
         if cut := clipped(scene, sensor, called):
             return f"{cut[0].lower()}{cut[1:]}."
         film, others = sensor.film(), len(scene.sensors()) > 1

@@ -41,8 +41,8 @@ ERRORS = {"noise": "error", "noise_99": "error of 99 % of the pixels"}
 
 
 #: Half of the error in at most this fraction of the pixels is a fault; and so is an error that is this large (white =
-#: 1) and this many times its limit, wherever it is.
-FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 3.0
+#: 1) without a limit, or this many times its limit, wherever it is.
+FEW_PIXELS, LOUD, MISSED = 0.02, 0.05, 1.2
 #: Number of further samples of a pixel that tell the cause, number of pixels that may lack it, seconds for it; and
 #: number of pixels that need no time to be sorted by their errors.
 FURTHER, ATTEMPTS, SECONDS, SMALL = 4096, 3, 1.0, 1 << 18

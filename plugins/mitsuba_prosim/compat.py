@@ -221,8 +221,8 @@ CONSTANT, AREA = "ConstantBackgroundEmitter", "AreaLight"
 #: coordinates in the unit square, by which Mitsuba finds them: not on a cylinder that is turned (3.9).
 MESH_ATTRIBUTE, UNIQUE_UV = "MeshAttribute", ("Disk", RECTANGLE, SPHERE)
 
-#: Class name of the emitter that may sample only its bright parts (``mis_compensation``).
-ENVMAP = "EnvironmentMapEmitter"
+#: Class names of the emitter that may sample only its bright parts (``mis_compensation``), and of the sky with a sun.
+ENVMAP, SUNSKY = "EnvironmentMapEmitter", "SunskyEmitter"
 
 #: Class names of the integrator that computes further channels, and of the path tracer.
 AOV, PATH = "AOVIntegrator", "PathIntegrator"

@@ -20,7 +20,7 @@ from ..sampling.nrook import SamplerPoints
 from ..transport.radiance import KINDS
 from ..transport.transport import Transport
 from ..transport.transport_context import DEEPEST_TREE, SETTINGS, Settings
-from ..transport.workarounds import warn_of_moving_sun, warn_of_undivided_lobes, warn_of_wrong_derivatives
+from ..transport.workarounds import warn_of_undivided_lobes, warn_of_wrong_derivatives
 
 if TYPE_CHECKING:
     from ..engine.derivatives import Derivatives
@@ -298,7 +298,6 @@ class Prosim(ProgressiveIntegrator):
     def _derivatives(self, scene: mi.Scene, sensor: int | mi.Sensor, seed: int | mi.UInt32, spp: int) -> Derivatives:
         self._refuse_layers_and_caustics("have no derivatives")
         warn_of_wrong_derivatives(scene)
-        warn_of_moving_sun(scene)
         if self.diffuse_bounces >= 0:
             warn_of_undivided_lobes(scene)
         return super()._derivatives(scene, sensor, seed, spp)

@@ -237,6 +237,8 @@ class EmitterMethods:
             active = but_not(active, is_own_sphere(one, it))
             if sampler is one:
                 ds, weight = one.sample_direction(it, sample, active)
+                if one.class_name() == compat.SUNSKY and dr.grad_enabled(weight):
+                    ds, weight = self._followed(one, it, ds, weight, active)
                 return ds, dr.select(active, mi.Spectrum(weight), 0)
             varies = mi.has_flag(one.flags(), mi.EmitterFlags.SpatiallyVarying)
             ds = sample_shape(sampler, it, sample, active, varies)
@@ -259,6 +261,28 @@ class EmitterMethods:
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wi, si.wavelengths = -ds.d, it.wavelengths
         return ds, dr.select(active, one.eval(si, active) / ds.pdf, 0)
+
+    @staticmethod
+    def _followed(
+        one: mi.Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, weight: mi.Spectrum, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Spectrum]:
+        """Returns the sample ``(ds, weight)`` of a ``sunsky`` with derivatives of a direction that turns with the sky,
+        or in the sun with the sun. Mitsuba's lack the change of which part of the sky a random number samples.
+        """
+        sky, with_sun, ds = compat.exposed(one), mi.Vector3f(ds.d), dr.detach(ds)
+        to_world, weight = sky["to_world"], dr.detach(weight)
+        local = dr.detach(to_world).inverse() @ ds.d
+        away = dr.norm(ds.d - dr.normalize(dr.detach(sky["sun_direction"])))
+        width = dr.deg2rad(float(str(one).partition("Sun aperture = ")[2].split()[0]))
+        in_sun = away < 2 * dr.sin(width / 4)
+        ds.d = dr.replace_grad(ds.d, dr.select(in_sun, with_sun, to_world @ local))
+        # At the horizon and the zenith, derivatives of Mitsuba's formulas are infinite.
+        active = active & (ds.pdf > 0) & (dr.abs(local.z - 0.5) < 0.5 - 1e-6)
+        at = mi.DirectionSample3f(ds)
+        at.d = dr.select(active, ds.d, dr.detach(to_world) @ mi.Vector3f(0.6, 0, 0.8))
+        weight = dr.replace_grad(weight, one.eval_direction(it, at, active) / dr.select(active, ds.pdf, 1))
+        ds.pdf = dr.replace_grad(ds.pdf, one.pdf_direction(it, at, active))
+        return ds, weight
 
     def pdf_direction(
         self, emitter: Emitter, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool

@@ -42,6 +42,7 @@ from ..compat import (
     BLEND,
     CHOOSERS,
     EVALUATED_TOGETHER,
+    INSTANCE,
     MAPS,
     MASK,
     PATH,
@@ -131,7 +132,8 @@ def warn_of_lost_light(scene: mi.Scene, integrator: mi.SamplingIntegrator) -> No
 
 def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
     """Warns of parameters whose derivatives are wrong: Mitsuba's BSDFs compute tables from them, which have no
-    derivatives, or probabilities of ideal lobes that :func:`sample` cannot see in a ``bumpmap`` or ``normalmap``.
+    derivatives, or probabilities of ideal lobes that :func:`sample` cannot see in a ``bumpmap`` or ``normalmap``; and
+    Mitsuba's instances move without their normals and texture coordinates.
     """
     for bsdf in dict.fromkeys(part for one in all_bsdfs(scene) for part in _within(one, ROUGH_PLASTIC)):
         if names := [name for name in ("alpha", "eta") if dr.grad_enabled(mi.traverse(bsdf)[name])]:
@@ -146,6 +148,12 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
                 f"the derivatives by {' and '.join(names)} of {names_of([bsdf])} are 0, because Mitsuba's "
                 "principled has no such lobe where its weight is 0. Begin with a small weight, such as 0.01."
             )
+    instances = (shape for shape in scene.shapes() if shape.class_name() == INSTANCE)
+    warn_of(
+        (one for one in instances if dr.grad_enabled(mi.traverse(one)["to_world"])),
+        "derivatives by to_world of {} are wrong if the instance turns or has curves or textures: Mitsuba's instance "
+        "keeps normals and texture coordinates. Move the shapes of its shapegroup.",
+    )
     maps = ((bsdf, one) for bsdf in all_bsdfs(scene) for one in _within(bsdf, *MAPS))
     warn_of(
         (bsdf for bsdf, one in maps if any(map(_has_derivatives, _hidden_choices(one)))),
@@ -168,16 +176,6 @@ def warn_of_undivided_lobes(scene: mi.Scene) -> None:
         (b for b in specular if dr.grad_enabled(eval_pdf(context, b, si, si.wi, True)[1])),
         "derivatives by parameters of {} are wrong: rays follow its specular lobe with a probability that Mitsuba does "
         "not tell. Set diffuse_bounces = -1 to follow all its rays.",
-    )
-
-
-def warn_of_moving_sun(scene: mi.Scene) -> None:
-    """Warns of derivatives by the direction of the sun of a ``sunsky``: those of its density are wrong."""
-    suns = (one for one in scene.emitters() if one.class_name() == "SunskyEmitter")
-    warn_of(
-        (one for one in suns if dr.grad_enabled(mi.traverse(one)["sun_direction"])),
-        "the derivatives by sun_direction of {} are wrong. Take prb, whose derivatives in reverse mode (dr.backward) "
-        "are right.",
     )
 
 

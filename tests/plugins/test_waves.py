@@ -392,6 +392,32 @@ def test_the_noise_is_uncertain_if_few_pixels_have_most_of_it(variant_rgb):
         assert not reached(wide, seed).uncertain
 
 
+class Fireflies(mi.llvm_ad_rgb.SamplingIntegrator):
+    """Radiance from 0 to 1, and in one of 30,000 samples 300."""
+
+    def sample(self, scene, sampler, ray, medium, active):
+        rare = sampler.next_1d() < 1 / 30000
+        return dr.select(rare, 300, mi.Color3f(sampler.next_1d())), mi.Bool(True), []
+
+
+@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
+def test_the_noise_is_uncertain_if_few_pixels_have_met_rare_light(variant_rgb, rfilter):
+    """The second image has one of six pixels, and others."""
+    mi.register_integrator("fireflies", Fireflies)
+    film = {"type": "hdrfilm", "width": 128, "height": 96, "rfilter": {"type": rfilter}}
+    scene = {"type": "scene", "sensor": {"type": "perspective", "film": film}}
+    nested = {"type": "prosim_adaptive", "noise": 0.1, "nested": {"type": "fireflies"}}
+    scene = mi.load_dict(scene | {"integrator": nested})
+    certain = 0
+    for seed in range(12):
+        render = scene.integrator().progressive(scene, seed=seed).run()
+        off = displayed_luminance(render.image()) - displayed_luminance(np.full((96, 128, 3), 0.51))
+        reached = render.reached
+        assert reached.uncertain or reached.noise_at_most > np.sqrt(np.mean(off**2))
+        certain += not reached.uncertain
+    assert certain < 12
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", [None, 0.05])
 def test_bound_without_a_target_holds_or_is_unknown(variant_rgb, alpha):

@@ -7,6 +7,7 @@ from itertools import product
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from ..compat import double
 from ..sampling import wavelengths
@@ -109,6 +110,14 @@ class Estimator:
             return [mi.Float(1)]
         down = self.rfilter.eval(row + 0.5 - position.y)
         return [self.rfilter.eval(k + 0.5 - position.x) * down for k in range(-self.reach, self.reach + 1)]
+
+    def shares(self) -> np.ndarray:
+        """Returns the weights of a typical sample, whose sum is 1, for all pixels around its own. On each axis, the
+        sample is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.
+        """
+        rows = dr.arange(mi.Int32, -self.reach, self.reach + 1)
+        weights = np.array(dr.concat(self.weights(mi.Point2f(0.25), rows)))
+        return weights / weights.sum()
 
     def accumulate(
         self, plan: Plan, x: mi.Int32, y: mi.Int32, start: Accumulators, end: mi.UInt32, samples: int

@@ -19,6 +19,7 @@ from .estimator import Estimator
 from .film import film_values, put
 from .pixel_set import PixelSet
 from .plan import UNLIMITED, Plan, Rectangle, area, indexer, pixels, widened
+from .policies import mean_around
 from .standard_error import displayed, in_display_units, variance
 from .tiles import Part, part_numbers
 
@@ -238,6 +239,8 @@ class SecondImage(PixelSet):
     #: Fewer pixels than this are sampled several times, because their differences could all be small by chance; and the
     #: maximum number of copies of a pixel.
     FEW, MAX_COPIES = 512, 64
+    #: Minimum ratio of the error of a pixel that a rare bright sample has met to the measured RMS error.
+    RARE = 30
 
     @alone()
     def __init__(self, image: Image, complete: bool) -> None:
@@ -307,7 +310,23 @@ class SecondImage(PixelSet):
         # the samples within a pixel shows such pixels.
         deviation = 0.5 * (concentration(errors**2) + 2 * concentration(image.crop(within, plan.window))) ** 0.5
         # 95 % of a normal distribution are below its mean plus 1.645 standard deviations.
-        return rms, float(np.percentile(errors, 99)), rms * (1 + 1.645 * deviation)
+        missed = 0.0 if self.complete else error_of_few(image, self.RARE * rms)
+        return rms, float(np.percentile(errors, 99)), float(np.hypot(rms * (1 + 1.645 * deviation), missed))
+
+
+def error_of_few(image: Image, least: float) -> float:
+    """Returns the RMS error that the displayed ``image`` has if only those pixels are wrong whose samples tell an error
+    above ``least``. A rare bright sample makes such an error, which a second image of some pixels misses.
+
+    The light around a pixel, without the bright sample, tells the slope of the tone curve.
+    """
+    (total, _, count), window = image.statistics(), area(image.plan.window)
+    light, error = (image.crop(values, image.plan.region) for values in (total / count, image.error()))
+    light = np.minimum(light, mean_around(light, 2))
+    few = displayed(light + error) - displayed(light) > least
+    shares = image.estimator.shares()
+    changed = displayed(light[few] + shares[:, None] * error[few]) - displayed(light[few])
+    return float(np.sqrt(np.sum(np.square(changed)) / window))
 
 
 def concentration(squares: np.ndarray) -> float:

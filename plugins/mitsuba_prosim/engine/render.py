@@ -7,7 +7,6 @@ from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -265,11 +264,8 @@ class Render(Steps):
             mean_there = np.minimum(mean_of_pixel, mean_around(mean_of_pixel, 2))
             values = in_display_units(np.float64(state.crop(state.error(), state.plan.region)), mean_there)
             deviation = 0.5 * concentration(values**2) ** 0.5  # of the RMS, relative
-        # The reconstruction filter multiplies the variance by the sum of its squared weights. On each axis, the sample
-        # is a quarter of a pixel from the centre of its pixel: the mean distance of a random sample.
-        rows = dr.arange(mi.Int32, -state.estimator.reach, state.estimator.reach + 1)
-        weights = np.array(dr.concat(state.estimator.weights(mi.Point2f(0.25), rows)))
-        result = float(np.sqrt(np.mean(values**2)) * np.linalg.norm(weights) / np.sum(weights))
+        # The reconstruction filter multiplies the variance by the sum of its squared weights.
+        result = float(np.sqrt(np.mean(values**2)) * np.linalg.norm(state.estimator.shares()))
         known = state.counts.min() > 1 and mean(state.counts) >= FEW and np.isfinite(result) and deviation <= KNOWN
         return result * (1 + 1.645 * deviation) if known else float("nan")
 

@@ -1,6 +1,7 @@
 """``prosim compare``: its measures against known values, its page against its own figures."""
 
 import re
+from types import SimpleNamespace
 
 import mitsuba as mi
 import numpy as np
@@ -169,3 +170,14 @@ def test_flip_is_1_between_extremes():
     # The largest colour difference that the metric knows (Andersson et al. 2020): green to blue.
     assert mean_flip(green, blue) == pytest.approx(1, abs=0.02)
     assert mean_flip(green, 0.9 * green) < 0.5
+
+
+def test_equal_cost_is_that_of_the_measured_seeds():
+    """The samples and the time of A differ from seed to seed; those of B here are both its samples per pixel."""
+
+    def method(cost):
+        return SimpleNamespace(render=lambda seed: (None, np.array(cost(seed)), 0.0, cost(seed)), cost=cost)
+
+    settings = SimpleNamespace(rounds=5, b=None, at=lambda spp, spec: method(lambda seed: spp))
+    found = comparison.Comparison.equal_cost_methods(settings, method(lambda seed: [99, 4, 8, 300, 6, 200][seed]))
+    assert [one.cost(0) for one in found.values()] == [8, 8]

@@ -122,7 +122,7 @@ ADDRESS = PatternType("ADDRESS", "tcp://machine:8786, as `dask scheduler` says",
 #: Suffix of a file that a command does not read -> what the file is, and which command reads it.
 USES = {
     ".npz": "the state or a part of a render; continue it by prosim resume, or merge all parts by prosim merge",
-    ".exr": "an image; prosim mix changes the lamps of an image with layers",
+    ".exr": "an image; prosim mix changes the lamps of its layers, and prosim resume continues its .state.npz",
     ".xml": "a Mitsuba scene; render it by prosim render",
     ".scn": "a scene in the thesis's language; render it by prosim render",
 }

@@ -55,7 +55,7 @@ def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> 
     click.echo(f"Light: {light}. Samples and times are as near to equal as the samplers allow.")
     for row in compared.rows:
         click.echo(
-            f"{row.name:<{width}} {row.counts.mean():7.1f} samples  {row.median('seconds'):7.3f} s  "
+            f"{row.name:<{width}} {row.median('samples'):7.1f} samples  {row.median('seconds'):7.3f} s  "
             f"RMSE {row.median('rmse'):.5f}  FLIP {row.median('flip'):.4f}"
         )
     click.echo(written)

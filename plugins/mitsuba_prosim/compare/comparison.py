@@ -25,7 +25,7 @@ class Row:
 
     def __init__(self, role: str, method: Method, reference: np.ndarray, scale: float) -> None:
         self.role, self.method, self.reference, self.scale = role, method, reference, scale
-        #: "seconds" (elapsed), "cpu" (processor time), "rmse" and "flip" -> the values of all rounds.
+        #: "seconds" (elapsed), "cpu" (processor time), "samples", "rmse" and "flip" -> the values of all rounds.
         self.values = defaultdict[str, list[float]](list)
         #: The latest image, its error FLIP in each pixel, and its number of samples in each pixel.
         self.image = self.flip = self.counts = np.zeros(0)
@@ -47,8 +47,9 @@ class Row:
         self.image = image * self.scale
         if number > 0:
             self.flip = measures.flip_map(self.image, self.reference)
-            errors = {"rmse": measures.rmse(self.image, self.reference), "flip": float(self.flip.mean())}
-            for name, value in {"seconds": seconds, "cpu": cpu, **errors}.items():
+            values = {"seconds": seconds, "cpu": cpu, "samples": float(self.counts.mean())}
+            values |= {"rmse": measures.rmse(self.image, self.reference), "flip": float(self.flip.mean())}
+            for name, value in values.items():
                 self.values[name].append(value)
 
 
@@ -149,15 +150,18 @@ class Comparison:
 
     def equal_cost_methods(self, a: Method) -> dict[str, Method]:
         """Returns the method ``b``, which is not adaptive, with as many samples as ``a``, and with about the same
-        rendering time, within about 10 % if one of the first four tried sample counts achieves this.
+        rendering time, within about 10 % if one of the first four tried sample counts achieves this; both by the median
+        of the seeds that are measured later, because ``a`` may need other samples with each.
         """
-        samples = max(round(float(np.mean(a.render(0)[1]))), 1)
+        a.render(0)  # compiles the kernels
+        measured = [a.render(number)[1:] for number in range(1, self.rounds + 1)]
+        samples = max(round(float(np.median([counts.mean() for counts, *_ in measured]))), 1)
+        target_seconds = float(np.median([cpu for *_, cpu in measured]))
 
         def processor_seconds(method: Method) -> float:
             method.render(0)  # compiles the kernels
             return float(np.median([method.render(0)[3] for _ in range(3)]))
 
-        target_seconds = processor_seconds(a)
         spp, at_equal_time = samples, self.at(samples, self.b)
         for _ in range(4):  # repeated, because a part of a render's time does not depend on the sample count
             ratio = target_seconds / processor_seconds(at_equal_time)

@@ -43,7 +43,8 @@ def radiance_or_intensity(context: Context, number: int, light: Light, units: st
     if units == "calibrated":
         d = math.dist(light.position, context.scene.view.vrp)
         if d <= (light.radius if light.kind == "area" else 0):
-            reason = "light units 'calibrated' need a light that is not at VRP; move it, or choose other light units"
+            where = "contains VRP; make it smaller or move it" if d > 0 else "is at VRP; move it"
+            reason = f"this light {where}, or choose other light units than calibrated"
             raise context.document.error(reason, "lights", number)
         factor = d * d if light.kind == "point" else 1 / facing_irradiance(light, d)
     elif light.kind == "point" and units == "radiance":

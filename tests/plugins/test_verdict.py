@@ -226,13 +226,13 @@ def test_time_limit_leaves_out_the_cause(variant_rgb, monkeypatch):
     assert limited.verdict.startswith("reached the time limit") and "light of" not in limited.verdict
 
 
-@pytest.mark.parametrize("launching, told", [(0.0, True), (9.0, False)])
+@pytest.mark.parametrize("launching, told", [(0.0, True), (19.0, False)])
 def test_long_time_limit_leaves_time_for_the_cause(variant_rgb, launching, told):
     """Unless its kernels would take long to compile, as those of the image did."""
     limited = {"type": "prosim_adaptive", "nested": PATH, "noise": 1e-5, "max_samples": 64}
     made = mi.load_dict(scene(limited, vase=ball(GLASS), **bulb()))
     render = made.integrator().progressive(made).run()
-    render.target.seconds, render.target.started = 20.0, time.perf_counter() - 20.4
+    render.target.seconds, render.target.started = 200.0, time.perf_counter() - 200
     render.executor.launching = launching
     assert ("the light of bulb by way of vase" in verdict(render, integrator=made.integrator())) == told
 

@@ -312,9 +312,9 @@ def focusing(render: Render, file: Any = None) -> list[str]:
 
 
 def is_late(render: Render) -> bool:
-    """Tells whether a time limit leaves too little time to look for a cause, for which it may be exceeded by 30 %."""
+    """Tells whether a time limit leaves too little time to look for a cause."""
     limit, needed = render.target.seconds, SECONDS + render.executor.launching  # kernels as large as those of the image
-    return bool(limit and needed > 0.3 * limit and render.target.elapsed + needed > 1.05 * limit)
+    return bool(limit and render.target.elapsed + needed > 1.05 * limit)
 
 
 def lost(render: Render, file: Any = None) -> str:

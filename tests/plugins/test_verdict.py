@@ -245,6 +245,13 @@ def test_time_limit_that_compilation_exceeds_is_explained(variant_rgb, seconds, 
     assert (f"Kernels were compiled for {compiled} s" in verdict(late)) == told
 
 
+def test_image_that_is_not_denoised_has_an_error(variant_rgb):
+    made = mi.load_dict(scene({"type": "prosim_adaptive", "nested": PATH, "time": 1.0, "max_samples": 2}, **panel()))
+    render = made.integrator().progressive(made, made.sensors()[0]).run()
+    words = verdict(render, SimpleNamespace(why_raw="no time"))
+    assert words.startswith("error unknown (a noise target would measure it), not denoised: no time")
+
+
 def test_words_of_a_denoised_image_say_if_its_error_is_uncertain(variant_rgb):
     final = SimpleNamespace(why_raw=None, render=SimpleNamespace(half_images=lambda: [0]))
     final.denoiser = SimpleNamespace(sensor=mi.load_dict(camera([0, 0, 1], [0, 0, 0], film(1))))

@@ -23,7 +23,7 @@ from .terminal import Progress
 @job_options("output", "exposure", "definitions", "resolution", "allow_outside")
 @job_options("variant", "samples", "light_units", "tolerance")
 @option("Comparison", "--rounds", type=Integer(min=1), default=5, help="Number of measured runs of each method.")
-@option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum seconds for each reference.")
+@option("Comparison", "--reference-seconds", type=Number(0), default=60, help="Minimum seconds for the reference.")
 def compare(job: Job, a: str, b: str, rounds: int, reference_seconds: float) -> None:
     """Compare A and B on SCENE, in the thesis's language or XML: error, time and samples.
 

@@ -104,14 +104,15 @@ def verdict(
     """
     ended, late = end_cause(render, interrupted), why_late(render) if isinstance(render, Render) else ""
     parts = _errors(render, ended, file) if isinstance(render, Render) else []
+    untold = not parts and (final is None or final.why_raw)
     if final is not None:
         parts.append(denoised_words(final, interrupted))
-    elif not parts:
+    if untold:
         bound = render.noise_bound() if isinstance(render, Render) else float("nan")
         known, why = f"at most about {bound:.2g} (an estimate; ", "unknown ("
         if tiny := isinstance(render, Render) and tiny_lamp(render, file):
             why += f"{tiny}; "
-        parts = [f"error {why if tiny or isnan(bound) else known}a noise target would measure it)"]
+        parts.insert(0, f"error {why if tiny or isnan(bound) else known}a noise target would measure it)")
     if isinstance(render, Render) and render.state.estimator.transport.caustics is not None:
         parts.append("not counting the blur of photons")  # which is the same in both images
     if ended == "samples":

@@ -47,9 +47,9 @@ def world_matrix(sensor: mi.Sensor) -> np.ndarray:
     return np.array(world_transform(sensor).matrix, dtype=float).reshape(4, 4)
 
 
-def shape_transform(shape: mi.Shape | mi.ShapePtr) -> mi.AffineTransform4f:
+def object_transform(thing: mi.Shape | mi.ShapePtr | mi.Emitter) -> mi.AffineTransform4f:
     """Returns the transform, with derivatives, from object to world space. Raises KeyError for a mesh."""
-    parameters = mi.traverse(shape)
+    parameters = mi.traverse(thing)
     return _at(parameters[to_world_name(parameters)], 0.0)
 
 
@@ -452,14 +452,14 @@ def outer_normal(shape: mi.Shape, p: mi.Point3f, n: mi.Normal3f) -> mi.Normal3f:
     import numpy as np
 
     if shape.class_name() == CYLINDER:
-        return mi.Normal3f(dr.mulsign(n, dr.det(mi.Matrix3f(shape_transform(shape).matrix))))
+        return mi.Normal3f(dr.mulsign(n, dr.det(mi.Matrix3f(object_transform(shape).matrix))))
     if shape.class_name() != SPHERE:
         return n
     if not dr.flag(dr.JitFlag.FreezingScope):  # while dr.freeze records a function, no transform can be read
         m = linear_part(shape)
         if np.allclose(m, abs(m[0, 0]) * np.eye(3), rtol=0, atol=1e-6 * np.abs(m).max()):
             return n
-    out = dr.normalize(p - shape_transform(shape) @ mi.Point3f(0))
+    out = dr.normalize(p - object_transform(shape) @ mi.Point3f(0))
     return mi.Normal3f(-out if shape.has_flipped_normals() else out)
 
 

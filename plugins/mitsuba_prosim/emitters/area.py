@@ -7,7 +7,7 @@ from contextlib import suppress
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import SPHERE, shape_transform
+from ..compat import SPHERE, object_transform
 from ..light.emitter_methods import has_area, has_points, no_sample, sample_point, sample_shape
 from ..light.source import Source
 from ..registry import plugin
@@ -141,7 +141,7 @@ class Area(Source):
                 raise RuntimeError(f"{self.id()} (prosim_area): an unattenuated source needs {allowed}.")
             center = mi.Point3f(shape.bbox().center())  # without derivatives
             with suppress(KeyError):  # a mesh has no transform
-                if dr.grad_enabled(to_world := shape_transform(shape)):
+                if dr.grad_enabled(to_world := object_transform(shape)):
                     center = to_world @ (dr.detach(to_world).inverse() @ center)
             value *= 4 * dr.squared_norm(receiver - center) / shape.surface_area()
         return dr.select(active, mi.depolarizer(value), mi.Spectrum(0))
@@ -191,7 +191,7 @@ class Area(Source):
             return pdf
         r2 = shape.surface_area() / (4 * dr.pi)
         # The point of ``ds`` is not used: a direction that moves with the sphere has none (:mod:`..light.strategy`).
-        center = shape_transform(shape) @ mi.Point3f(0)
+        center = object_transform(shape) @ mi.Point3f(0)
         sin2 = r2 / dr.maximum(dr.squared_norm(center - it.p), 1e-30)
         cap = (1 + dr.safe_sqrt(1 - sin2)) / (dr.two_pi * dr.maximum(sin2, 1e-30))
         return dr.select((sin2 < 0.9) & (pdf > 0), cap, pdf)

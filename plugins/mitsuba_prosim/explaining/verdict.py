@@ -263,7 +263,7 @@ def badly_exposed(render: Render, file: Any = None, exposure: float = 0.0) -> st
         return (
             f"Half of the picture is brighter than {middle:.2g}, white being 1: dim all lights by 2^{log2(middle):.0f}"
         )
-    if brightest < BLACK or most > DARK:
+    if brightest < BLACK or most > DARK or is_late(render):
         return ""
     scene, sensor = render.state.estimator.scene, render.state.estimator.sensor
     if scene.emitters() and (why := reason_by_rays(scene, sensor, partial(name_in, file), RARE)):

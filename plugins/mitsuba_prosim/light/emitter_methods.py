@@ -270,7 +270,7 @@ class EmitterMethods:
         or in the sun with the sun. Mitsuba's lack the change of which part of the sky a random number samples.
         """
         sky, with_sun, ds = compat.exposed(one), mi.Vector3f(ds.d), dr.detach(ds)
-        to_world, weight = sky["to_world"], dr.detach(weight)
+        to_world, weight = compat.object_transform(one), dr.detach(weight)
         local = dr.detach(to_world).inverse() @ ds.d
         away = dr.norm(ds.d - dr.normalize(dr.detach(sky["sun_direction"])))
         width = dr.deg2rad(float(str(one).partition("Sun aperture = ")[2].split()[0]))

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from ..compat import CONSTANT, SPHERE, eval_direction, shape_transform
+from ..compat import CONSTANT, SPHERE, eval_direction, object_transform
 from .emitter_methods import Emitter, EmitterMethods, no_sample
 from .spherical_cap import pdf_projected_cap, sample_projected_cap
 
@@ -210,7 +210,7 @@ def concat(arrays: Sequence[mi.Float]) -> mi.Float:
 
 def sphere_of(emitter: Emitter) -> tuple[mi.Point3f, mi.Float]:
     """Returns ``(center, radius)`` of the sphere that is the shape of ``emitter``."""
-    to_world = shape_transform(emitter.get_shape())
+    to_world = object_transform(emitter.get_shape())
     return to_world @ mi.Point3f(0), dr.norm(to_world @ mi.Vector3f(1, 0, 0))
 
 

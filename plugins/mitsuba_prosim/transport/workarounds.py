@@ -52,6 +52,7 @@ from ..compat import (
     exposed,
     is_users,
     names_of,
+    object_transform,
     warn,
     warn_of,
 )
@@ -150,7 +151,7 @@ def warn_of_wrong_derivatives(scene: mi.Scene) -> None:
             )
     instances = (shape for shape in scene.shapes() if shape.class_name() == INSTANCE)
     warn_of(
-        (one for one in instances if dr.grad_enabled(mi.traverse(one)["to_world"])),
+        (one for one in instances if dr.grad_enabled(object_transform(one))),
         "derivatives by to_world of {} are wrong if the instance turns or has curves or textures: Mitsuba's instance "
         "keeps normals and texture coordinates. Move the shapes of its shapegroup.",
     )

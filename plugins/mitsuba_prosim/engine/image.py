@@ -321,9 +321,10 @@ def error_of_few(image: Image, least: float) -> float:
     The light around a pixel, without the bright sample, tells the slope of the tone curve.
     """
     (total, _, count), window = image.statistics(), area(image.plan.window)
-    light, error = (image.crop(values, image.plan.region) for values in (total / count, image.error()))
-    light = np.minimum(light, mean_around(light, 2))
-    few = displayed(light + error) - displayed(light) > least
+    mean, error = (image.crop(values, image.plan.region) for values in (total / count, image.error()))
+    light = np.minimum(mean, mean_around(mean, 2))
+    # The error of a mean that one sample dominates is this mean; not so where a lamp has its edge.
+    few = (displayed(light + error) - displayed(light) > least) & (error > 0.7 * mean)
     shares = image.estimator.shares()
     changed = displayed(light[few] + shares[:, None] * error[few]) - displayed(light[few])
     return float(np.sqrt(np.sum(np.square(changed)) / window))
